@@ -88,18 +88,25 @@ def _synthetic(case: Case, seconds: float, rng: np.random.Generator) -> Floats:
     time_s = np.arange(count) / RATE_HZ
     frequency_hz = np.fft.rfftfreq(count, 1.0 / RATE_HZ)
     car = quarter_car(frequency_hz, rng.uniform(9.5, 12.5))
-    # ISO 8608: displacement falls with the frequency, so velocity is white. Rumble reaches the floor on other ways.
-    white = _white(frequency_hz, rng)
-    road = _in_time(car * white / np.maximum(frequency_hz, SLOWEST_HZ), count)
-    rumble = _in_time(_white(frequency_hz, rng) / (1.0 + (frequency_hz / 45.0) ** 4), count)
-    up = road / road.std() + 0.3 * rumble / rumble.std()
+    up = road(frequency_hz, car, count, rng)
     if case == "pothole":
         holes = _in_time(car * np.fft.rfft(_holes(time_s, rng)), count)
         up = 0.08 * up + holes / np.abs(holes).max()
     if case == "rail":
         strikes = _strikes(time_s, rng)
         up = 0.04 * up + strikes / np.abs(strikes).max()
-    return np.column_stack([*_companions(up, rng), up])
+    return np.column_stack([*companions(up, rng), up])
+
+
+def road(frequency_hz: Floats, car: NDArray[np.complex128], count: int, rng: np.random.Generator) -> Floats:
+    """A road of rms 1 (n,) through a car, and rumble of 0.3 beside it.
+
+    ISO 8608: displacement falls with the frequency, so velocity is white. Rumble reaches the floor on other ways.
+    """
+    white = _white(frequency_hz, rng)
+    height = _in_time(car * white / np.maximum(frequency_hz, SLOWEST_HZ), count)
+    rumble = _in_time(_white(frequency_hz, rng) / (1.0 + (frequency_hz / 45.0) ** 4), count)
+    return height / height.std() + 0.3 * rumble / rumble.std()
 
 
 def _white(frequency_hz: Floats, rng: np.random.Generator) -> NDArray[np.complex128]:
@@ -141,7 +148,7 @@ def _strikes(time_s: Floats, rng: np.random.Generator) -> Floats:
     return up
 
 
-def _companions(up: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def companions(up: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Forward and left (n,): a share of the vertical, some time later, and sway.
 
     In the recordings 0.13 to 0.38 of the vertical of the last 0.1 s goes to either axis (0.25 to 0.42 to both).
@@ -231,4 +238,4 @@ def _gonzalez(case: Case, seconds: float, rng: np.random.Generator) -> Motion:
         event = events[rng.integers(len(events))]
         parts.append((event - event.mean()) * edges(len(event), 50.0) / np.abs(event - event.mean()).max())
     up = raised(_steady(np.concatenate(parts), 50.0), 50.0, round(seconds * RATE_HZ))
-    return Motion(case, "car (50 Hz)", np.column_stack([*_companions(up, rng), up]))
+    return Motion(case, "car (50 Hz)", np.column_stack([*companions(up, rng), up]))

@@ -1,0 +1,1 @@
+"""Sessions: long recordings; their rests, shocks, trains of shocks, steady stretches and faults become events."""

@@ -1,0 +1,88 @@
+"""Bins: sums, maxima and counts of samples in equal intervals of time, for streams of any length in little memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from biodyn_core.base.arrays import Floats
+
+PIECE: Final = 8192
+"""Samples that are summed at once: a fixed number, so that cuts into blocks change no digit."""
+
+
+class Recut:
+    """Rows (n, c) pushed in any cuts leave in pieces of `PIECE` rows; `rest` gives the last, shorter one."""
+
+    def __init__(self) -> None:
+        self._waiting: list[Floats] = []
+        self._rows = 0
+
+    def push(self, rows: Floats) -> Iterator[Floats]:
+        """Add rows, and yield the pieces that are complete."""
+        self._waiting.append(rows)
+        self._rows += len(rows)
+        while self._rows >= PIECE:
+            joined = np.concatenate(self._waiting)
+            self._waiting, self._rows = [joined[PIECE:]], self._rows - PIECE
+            yield joined[:PIECE]
+
+    def rest(self) -> Iterator[Floats]:
+        """Yield the rows that are left, if any."""
+        if self._rows:
+            yield np.concatenate(self._waiting)
+        self._waiting, self._rows = [], 0
+
+
+class Bins:
+    """Counts (b,), sums (b, s) and maxima (b, m) by interval of width_s; 0 for an interval without samples."""
+
+    def __init__(self, width_s: float, sums: int, maxima: int = 0) -> None:
+        self.width_s = width_s
+        self._used = 0
+        self._counts, self._sums, self._maxima = np.zeros(0), np.zeros((0, sums)), np.zeros((0, maxima))
+
+    def add(self, time_s: Floats, sums: Floats, maxima: Floats | None = None) -> None:
+        """Add samples at times (n,) with the columns to sum (n, s) and those of maxima (n, m), not negative."""
+        if time_s.size == 0:
+            return
+        at = np.floor(time_s / self.width_s).astype(np.int64)
+        low, high = int(at.min()), int(at.max())
+        self._grow(high + 1)
+        here = slice(low, high + 1)
+        self._counts[here] += np.bincount(at - low)
+        for column in range(sums.shape[1]):
+            self._sums[here, column] += np.bincount(at - low, sums[:, column])
+        if maxima is not None:
+            np.maximum.at(self._maxima, at, maxima)
+
+    @property
+    def counts(self) -> Floats:
+        """The number of samples (b,)."""
+        return self._counts[: self._used]
+
+    @property
+    def sums(self) -> Floats:
+        """The sums of columns (b, s)."""
+        return self._sums[: self._used]
+
+    @property
+    def maxima(self) -> Floats:
+        """The maxima of columns (b, m)."""
+        return self._maxima[: self._used]
+
+    def extent(self, begin_s: float, end_s: float) -> slice:
+        """The intervals whose centre lies between two times."""
+        begin, end = (max(0, int(np.ceil(at / self.width_s - 0.5))) for at in (begin_s, end_s))
+        return slice(min(begin, self._used), min(end, self._used))
+
+    def _grow(self, used: int) -> None:
+        self._used = max(self._used, used)
+        if self._used > len(self._counts):
+            room = max(self._used, 2 * len(self._counts), 1024)
+            more = room - len(self._counts)
+            self._counts = np.concatenate([self._counts, np.zeros(more)])
+            self._sums = np.concatenate([self._sums, np.zeros((more, self._sums.shape[1]))])
+            self._maxima = np.concatenate([self._maxima, np.zeros((more, self._maxima.shape[1]))])

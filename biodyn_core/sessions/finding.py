@@ -1,0 +1,221 @@
+"""Finding: rests, groups of shocks and steady stretches in the sums of a seat.
+
+A shock exceeds `shock_g`, and the level around it `shock_crest` times. Shocks that follow each other are a group; a
+group with several single strikes is a train of shocks.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final, Literal
+
+import numpy as np
+from scipy import ndimage, signal
+
+from biodyn_core.base.arrays import Flags, Floats
+from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
+from biodyn_core.recording.flags import stretches
+from biodyn_core.recording.recording import WARM_UP_S
+from biodyn_core.sessions.bins import Bins
+from biodyn_core.sessions.digest import HIGH, LEVELLED, LOW_PASSED, SQUARE
+from biodyn_core.sessions.settings import SessionSettings
+
+Kind = Literal["train", "shock", "steady"]
+
+SEAT_GAP_S: Final = 0.1
+"""A longer gap of the seat ends an event: nothing can be predicted across it."""
+
+AFTER_SHOCK_S: Final = 0.5
+"""A group that follows so soon after the last one, with its warm-up, joins the same event."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Shocks that follow each other: the first and last time, and time, size and number of the single strikes."""
+
+    begin_s: float
+    end_s: float
+    peak_s: float
+    peak_mps2: float
+    strikes: int
+
+
+@dataclass(frozen=True)
+class Window:
+    """A part of a session with its groups of shocks; a steady stretch has none."""
+
+    begin_s: float
+    end_s: float
+    groups: tuple[Group, ...] = ()
+
+    @property
+    def largest(self) -> Group | None:
+        """The group of the largest shock."""
+        return max(self.groups, key=lambda group: group.peak_mps2, default=None)
+
+    def kind(self, settings: SessionSettings) -> Kind:
+        """The kind of its largest shock; a group of several single strikes is a train."""
+        largest = self.largest
+        if largest is None:
+            return "steady"
+        return "train" if largest.strikes >= settings.train_strikes else "shock"
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a seat shows: rests (begin, end), windows in order of time, and groups without a window, with the reason."""
+
+    rests: tuple[tuple[float, float], ...]
+    windows: tuple[Window, ...]
+    left_out: tuple[str, ...]
+
+
+def find(coarse: Bins, fine: Bins, settings: SessionSettings | None = None) -> Found:
+    """Find rests, shocks and steady stretches."""
+    s = settings or SessionSettings()
+    resting = find_rests(coarse, s)
+    groups = find_groups(fine, s)
+    windows: list[Window] = []
+    left_out: list[str] = []
+    for begin_s, end_s in _continuous(fine):
+        inside = [group for group in groups if begin_s <= group.peak_s < end_s]
+        shocks, lines = _shock_windows(inside, begin_s, end_s, s)
+        left_out += lines
+        windows += [*shocks, *_steady_windows(fine, [*resting, *_extents(shocks)], begin_s, end_s, s)]
+    return Found(tuple(resting), tuple(sorted(windows, key=lambda window: window.begin_s)), tuple(left_out))
+
+
+def find_rests(coarse: Bins, settings: SessionSettings) -> list[tuple[float, float]]:
+    """The stretches in which the seat does not move: quiet intervals, each with about the mean of the one before."""
+    s, width_s = settings, coarse.width_s
+    if coarse.counts.size == 0:
+        return []
+    full = coarse.counts >= 0.5 * np.median(coarse.counts[coarse.counts > 0.0])
+    counts = np.where(full, coarse.counts, 1.0)
+    mean = coarse.sums[:, LEVELLED] / counts[:, None]
+    spread = np.sqrt(np.maximum(coarse.sums[:, SQUARE] / counts - (mean**2).sum(axis=1), 0.0))
+    alike = np.concatenate([[False], np.linalg.norm(np.diff(mean, axis=0), axis=1) <= s.rest_level_mps2])
+    quiet = full & (spread <= s.rest_level_mps2)
+    # An interval without the mean of the one before it begins another rest.
+    ends_before = np.flatnonzero(quiet & ~alike)
+    found = []
+    for begin, end in stretches(quiet):
+        edges = [begin, *(at for at in ends_before.tolist() if begin < at < end), end]
+        found += [(a * width_s, b * width_s) for a, b in pairwise(edges)]
+    return [(a, b) for a, b in found if b - a >= s.rest_least_s]
+
+
+def find_groups(fine: Bins, settings: SessionSettings) -> list[Group]:
+    """The groups of shocks, in order of time."""
+    s, width_s = settings, fine.width_s
+    peaks = fine.maxima[:, 0]
+    above = peaks >= np.maximum(s.shock_g * STANDARD_GRAVITY_MPS2, s.shock_crest * _level_mps2(fine, s.around_s))
+    at = np.flatnonzero(above)
+    if at.size == 0:
+        return []
+    parts = np.split(at, np.flatnonzero(np.diff(at) > s.apart_s / width_s) + 1)
+    return [_group(peaks, int(part[0]), int(part[-1]) + 1, width_s, s) for part in parts]
+
+
+def level_of(fine: Bins, begin_s: float, end_s: float) -> float:
+    """The rms of the low-passed vertical acceleration, m/s^2."""
+    return rms_of(fine, LOW_PASSED, begin_s, end_s)
+
+
+def rms_of(fine: Bins, column: int, begin_s: float, end_s: float) -> float:
+    """The rms of a column of the seat's sums; 0 without samples."""
+    here = fine.extent(begin_s, end_s)
+    count = fine.counts[here].sum()
+    return float(np.sqrt(fine.sums[here, column].sum() / count)) if count else 0.0
+
+
+def is_idling(fine: Bins, begin_s: float, end_s: float, settings: SessionSettings) -> bool:
+    """Whether a stretch has the spectrum of an engine that idles."""
+    s, level = settings, level_of(fine, begin_s, end_s)
+    high = rms_of(fine, HIGH, begin_s, end_s)
+    return level <= s.idle_level_mps2 and high**2 >= s.idle_share * level**2
+
+
+def _level_mps2(fine: Bins, around_s: float) -> Floats:
+    """The level around each interval, rms: a median of the intervals' rms, on which single shocks have no weight."""
+    rms = np.sqrt(fine.sums[:, LOW_PASSED] / np.maximum(fine.counts, 1.0))
+    present = fine.counts > 0.0
+    size = max(3, round(around_s / fine.width_s)) | 1
+    level = np.zeros(rms.size)
+    if present.any():
+        level[present] = ndimage.median_filter(rms[present], size=size, mode="nearest")
+    return level
+
+
+def _group(peaks: Floats, begin: int, end: int, width_s: float, s: SessionSettings) -> Group:
+    """The group whose shocks lie in these intervals; weaker strikes just before and after them count too."""
+    largest = float(peaks[begin:end].max())
+    around = round(s.apart_s / width_s)
+    padded = np.concatenate([[0.0], peaks[max(0, begin - around) : end + around], [0.0]])
+    strikes, _ = signal.find_peaks(
+        padded, height=s.strike_share * largest, distance=max(1, round(s.strike_apart_s / width_s))
+    )
+    peak_s = (begin + int(peaks[begin:end].argmax()) + 0.5) * width_s
+    return Group(begin * width_s, end * width_s, peak_s, largest, len(strikes))
+
+
+def _continuous(fine: Bins) -> Iterator[tuple[float, float]]:
+    """The stretches (begin, end) of a seat without gaps."""
+    present: Flags = fine.counts > 0.0
+    closed = np.asarray(ndimage.binary_closing(present, iterations=max(1, round(SEAT_GAP_S / fine.width_s / 2.0))))
+    for begin, end in stretches(closed | present):
+        yield begin * fine.width_s, end * fine.width_s
+
+
+def _shock_windows(
+    groups: Sequence[Group], begin_s: float, end_s: float, s: SessionSettings
+) -> tuple[list[Window], list[str]]:
+    """The windows around groups in a stretch of the seat; groups too near for a warm-up between share one."""
+    windows: list[Window] = []
+    left_out = []
+    for group in groups:
+        if group.begin_s - begin_s < WARM_UP_S:
+            left_out.append(
+                f"a shock at {group.peak_s:.1f} s is {group.begin_s - begin_s:.1f} s after the seat's samples begin,"
+                f" {WARM_UP_S:g} s of warm-up are needed"
+            )
+            continue
+        found = Window(max(begin_s, group.begin_s - s.lead_s), min(end_s, group.end_s + s.tail_s), (group,))
+        last = windows[-1] if windows else None
+        if last is None or last.end_s <= found.begin_s:
+            windows.append(found)
+            continue
+        after_s = last.groups[-1].end_s + AFTER_SHOCK_S
+        if group.begin_s - after_s >= WARM_UP_S:
+            cut_s = max(found.begin_s, after_s)
+            windows[-1] = dataclasses.replace(last, end_s=cut_s)
+            windows.append(dataclasses.replace(found, begin_s=cut_s))
+        else:
+            windows[-1] = dataclasses.replace(last, end_s=found.end_s, groups=(*last.groups, group))
+    return windows, left_out
+
+
+def _steady_windows(
+    fine: Bins, taken: Sequence[tuple[float, float]], begin_s: float, end_s: float, s: SessionSettings
+) -> Iterator[Window]:
+    """The stretches between rests and shocks that are long and lively enough, divided into equal parts."""
+    at_s = begin_s
+    for a, b in [*sorted(one for one in taken if one[0] < end_s and one[1] > begin_s), (end_s, end_s)]:
+        yield from _divided(fine, at_s, min(a, end_s), s)
+        at_s = max(at_s, b)
+
+
+def _divided(fine: Bins, begin_s: float, end_s: float, s: SessionSettings) -> Iterator[Window]:
+    if end_s - begin_s < s.steady_least_s:
+        return
+    edges = np.linspace(begin_s, end_s, int(np.ceil((end_s - begin_s) / s.steady_longest_s)) + 1).tolist()
+    for a, b in pairwise(edges):
+        if level_of(fine, a, b) >= s.steady_level_mps2 and not is_idling(fine, a, b, s):
+            yield Window(a, b)
+
+
+def _extents(windows: Sequence[Window]) -> list[tuple[float, float]]:
+    return [(window.begin_s, window.end_s) for window in windows]

@@ -1,0 +1,265 @@
+"""Session: `push` the samples of six sensors, `finish` for its rests, events and faults.
+
+A sensor is conditioned as in a causal replay. Memory is that of sums over short intervals: 0.1 MB for each minute of
+the seat, and a tenth of it for another sensor.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from biodyn_core.base.arrays import Flags, Floats, Integers
+from biodyn_core.base.segments import SEAT, SENSORS
+from biodyn_core.base.wording import counted
+from biodyn_core.conditioning.conditioned import SensorStatus
+from biodyn_core.conditioning.conditioner import Conditioner, SettingsOf, settings_for
+from biodyn_core.conditioning.gravity import Gravity, angle_deg
+from biodyn_core.conditioning.tilt import LEAST_GRAVITY_MPS2, Vector
+from biodyn_core.recording.flags import stretches
+from biodyn_core.sessions.digest import (
+    COARSE_S,
+    FINE_S,
+    LEVELLED,
+    LOW_PASSED,
+    SQUARE,
+    WEIGHTED,
+    SeatDigest,
+    SensorDigest,
+)
+from biodyn_core.sessions.finding import Found, Window, find, level_of, rms_of
+from biodyn_core.sessions.settings import SessionSettings
+
+STILL_MPS2: Final = 1.0
+"""A sensor that moves by more in a rest of the seat, rms about its mean, shows no gravity there: a person moves."""
+
+MISSING_SHARE: Final = 0.02
+"""Share of an event's samples whose loss is stated."""
+
+STUCK_MPS2: Final = 1e-6
+"""A sensor with less rms about its mean over half a second gives one constant reading."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A rest of the seat, and the mean reading, (3,) m/s^2, of the sensors that rested too."""
+
+    begin_s: float
+    end_s: float
+    gravity_mps2: Mapping[str, Vector]
+
+
+@dataclass(frozen=True)
+class Event:
+    """A part of a session: times in seconds after the seat's first sample; case: its loading condition.
+
+    peak and level: vertical, low-passed, peak and rms; aw: Wk-weighted rms. rest: number of the rest whose gravity is
+    used, None without any. shocks_s: the largest peak of each group of shocks. quality: faults within it, a line each.
+    """
+
+    name: str
+    begin_s: float
+    end_s: float
+    case: str
+    peak_mps2: float
+    peak_s: float
+    level_mps2: float
+    aw_mps2: float
+    shocks_s: tuple[float, ...]
+    rest: int | None
+    quality: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A stretch in which a sensor gives no usable samples; kind: missing, clipped or stuck."""
+
+    sensor: str
+    kind: str
+    begin_s: float
+    end_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Timeline:
+    """The seat over time: rms and peak of the vertical acceleration, low-passed, (t,) by interval of width_s."""
+
+    width_s: float
+    rms_mps2: Floats
+    peak_mps2: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """The results of a session; seconds: length of the seat's record."""
+
+    seconds: float
+    rests: tuple[Rest, ...]
+    events: tuple[Event, ...]
+    faults: tuple[Fault, ...]
+    timeline: Timeline
+    statuses: Mapping[str, SensorStatus]
+    warnings: tuple[str, ...]
+
+
+class Session:
+    """`push` raw samples in order of arrival, then `finish`; the same results for any cut into blocks.
+
+    epoch_ns: stamp of the seat's first sample, from which times are counted.
+    """
+
+    def __init__(
+        self,
+        epoch_ns: int,
+        conditioning: SettingsOf = None,
+        settings: SessionSettings | None = None,
+        verticals: Mapping[str, Vector] | None = None,
+        gravity: Mapping[str, Gravity] | None = None,
+    ) -> None:
+        self.settings, self._epoch_ns = settings or SessionSettings(), epoch_ns
+        given, known = verticals or {}, gravity or {}
+        conditioners = {
+            name: Conditioner(name, settings_for(name, conditioning), "causal", given.get(name), known.get(name))
+            for name in SENSORS
+        }
+        self._seat = SeatDigest(conditioners[SEAT], epoch_ns, self.settings)
+        self._digests: dict[str, SensorDigest] = {
+            name: self._seat if name == SEAT else SensorDigest(one, epoch_ns, self.settings)
+            for name, one in conditioners.items()
+        }
+
+    def push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats) -> None:
+        """Take raw specific force (n, 3) m/s^2 of one sensor with its stamps (n,) ns; InputError as `SensorDigest`."""
+        digest = self._digests[sensor]
+        over = (np.abs(samples_mps2) >= digest.conditioner.settings.saturation_mps2).any(axis=1)
+        if over.any():
+            digest.add_clipped(stamps_ns[over])
+        digest.push(digest.conditioner.push(stamps_ns, samples_mps2))
+
+    def finish(self) -> Findings:
+        """End the session; without rests and events where the seat gives no samples."""
+        for digest in self._digests.values():
+            digest.push(digest.conditioner.finish())
+            digest.finish()
+        fine = self._seat.fine
+        found = find(self._seat.coarse, fine, self.settings)
+        rests = tuple(self._rest(begin_s, end_s) for begin_s, end_s in found.rests)
+        seconds = float(fine.counts.size * fine.width_s)
+        faults = tuple(fault for name in self._present() for fault in self._faults(name, seconds))
+        count = np.maximum(fine.counts, 1.0)
+        return Findings(
+            seconds=seconds,
+            rests=rests,
+            events=tuple(self._event(number, window, found, rests) for number, window in enumerate(found.windows)),
+            faults=faults,
+            timeline=Timeline(fine.width_s, np.sqrt(fine.sums[:, LOW_PASSED] / count), fine.maxima[:, 0].copy()),
+            statuses={name: digest.status() for name, digest in self._digests.items()},
+            warnings=(*self._warnings(), *_moved(rests, self.settings.moved_deg), *found.left_out),
+        )
+
+    def _present(self) -> list[str]:
+        """The sensors with samples."""
+        return [name for name, digest in self._digests.items() if digest.coarse.counts.any()]
+
+    def _rest(self, begin_s: float, end_s: float) -> Rest:
+        """A rest with the mean readings of the sensors that rest."""
+        readings = {
+            name: digest.mean_reading(begin_s, end_s)
+            for name, digest in self._digests.items()
+            if digest.rms_about_mean(begin_s, end_s) <= STILL_MPS2
+        }
+        known = {name: mean for name, mean in readings.items() if mean and math.hypot(*mean) >= LEAST_GRAVITY_MPS2}
+        return Rest(begin_s, end_s, known)
+
+    def _event(self, number: int, window: Window, found: Found, rests: Sequence[Rest]) -> Event:
+        begin_s, end_s, fine, s = window.begin_s, window.end_s, self._seat.fine, self.settings
+        here = fine.extent(begin_s, end_s)
+        peaks = fine.maxima[here, 0]
+        kind = window.kind(s)
+        case = {"train": s.train_case, "shock": s.shock_case, "steady": s.steady_case}[kind]
+        earlier = sum(other.kind(s) == kind for other in found.windows[: number + 1])
+        return Event(
+            name=f"{case}_{earlier:02d}",
+            begin_s=begin_s,
+            end_s=end_s,
+            case=case,
+            peak_mps2=float(peaks.max(initial=0.0)),
+            peak_s=(here.start + int(peaks.argmax()) + 0.5) * FINE_S if peaks.size else begin_s,
+            level_mps2=level_of(fine, begin_s, end_s),
+            aw_mps2=rms_of(fine, WEIGHTED, begin_s, end_s),
+            shocks_s=tuple(group.peak_s for group in window.groups),
+            rest=_nearest(rests, begin_s, end_s),
+            quality=tuple(self._quality(begin_s, end_s)),
+        )
+
+    def _quality(self, begin_s: float, end_s: float) -> Iterator[str]:
+        """The faults of the present sensors between two times, a line each."""
+        for name in self._present():
+            digest = self._digests[name]
+            here = digest.coarse.extent(begin_s, end_s)
+            expected = self._expected(name) * (here.stop - here.start)
+            missing = 1.0 - digest.coarse.counts[here].sum() / max(expected, 1.0)
+            if missing > MISSING_SHARE:
+                yield f"{name}: {100.0 * missing:.0f} % missing"
+            if clipped := int(digest.clipped.counts[digest.clipped.extent(begin_s, end_s)].sum()):
+                yield f"{name}: {counted(clipped, 'sample')} clipped"
+            if _stuck(digest)[here].any():
+                yield f"{name}: stuck"
+
+    def _expected(self, name: str) -> float:
+        """The number of samples in an interval."""
+        return COARSE_S * (self._digests[name].status().rate_hz or 0.0)
+
+    def _faults(self, name: str, seconds: float) -> Iterator[Fault]:
+        """The stretches without usable samples of a sensor."""
+        digest, size = self._digests[name], int(seconds / COARSE_S)
+        counts, clipped = np.zeros(size), np.zeros(size)
+        for into, of in ((counts, digest.coarse.counts), (clipped, digest.clipped.counts)):
+            shared = min(size, of.size)
+            into[:shared] = of[:shared]
+        stuck = np.zeros(size, dtype=np.bool_)
+        stuck[: min(size, digest.coarse.counts.size)] = _stuck(digest)[:size]
+        flags = {"missing": counts < 0.5 * self._expected(name), "clipped": clipped > 0.0, "stuck": stuck}
+        for kind, flag in flags.items():
+            for begin, end in stretches(flag):
+                yield Fault(name, kind, begin * COARSE_S, end * COARSE_S)
+
+    def _warnings(self) -> Iterator[str]:
+        """Warnings about sensors, one line each."""
+        for name, digest in self._digests.items():
+            if not digest.coarse.counts.any():
+                yield f"{name}: {digest.conditioner.fault or digest.status().waiting or 'no samples'}"
+            yield from (f"{name}: {line}" for line in digest.status().warnings)
+
+
+def _stuck(digest: SensorDigest) -> Flags:
+    """The intervals (b,) with samples of one constant reading."""
+    counts = np.maximum(digest.coarse.counts, 1.0)
+    mean = digest.coarse.sums[:, LEVELLED] / counts[:, None]
+    square = digest.coarse.sums[:, SQUARE] / counts - (mean**2).sum(axis=1)
+    return np.asarray((digest.coarse.counts > 1.0) & (square < STUCK_MPS2**2))
+
+
+def _nearest(rests: Sequence[Rest], begin_s: float, end_s: float) -> int | None:
+    """The number of the rest that is nearest in time."""
+    distances = [max(rest.begin_s - end_s, begin_s - rest.end_s, 0.0) for rest in rests]
+    return int(np.argmin(distances)) if distances else None
+
+
+def _moved(rests: Sequence[Rest], least_deg: float) -> Iterator[str]:
+    """A line for each sensor that is mounted otherwise in a rest than in its last one."""
+    last: dict[str, Rest] = {}
+    for rest in rests:
+        for name, mean in rest.gravity_mps2.items():
+            if name in last:
+                turned_deg = angle_deg(last[name].gravity_mps2[name], mean)
+                if turned_deg > least_deg:
+                    yield (
+                        f"{name}: turned by {turned_deg:.0f} deg between the rests at {last[name].begin_s:.0f} s and"
+                        f" {rest.begin_s:.0f} s: was it moved?"
+                    )
+            last[name] = rest
