@@ -24,7 +24,7 @@ from biodyn_ros.fit.document import fit_document, fitted_subject, provenance
 from biodyn_ros.fit.fitting import FitOptions, check_output, fit_bags, parse_cases, write_fitted
 from biodyn_ros.fit.report import Report, reuse_warnings
 from biodyn_ros.fit.text import text_of
-from biodyn_ros.reading.provenance import bag_sha256, role_of
+from biodyn_ros.reading.provenance import Source, bag_sha256, role_of, source_of
 
 SUBJECT = subject()
 QUICK = FitSettings(swarm=SwarmSettings(particles=30, iterations=60, starts=2), refined_starts=2, evaluations=200)
@@ -100,11 +100,11 @@ def test_the_subject_file_has_the_provenance_of_its_bags(fitted: Report, bags: d
     write_fitted(fitted, tmp_path / "anna.yaml")
     written = load_subject(tmp_path / "anna.yaml")
     assert written.parameters == fitted_subject(fitted).parameters
-    assert role_of(written, bag_sha256(bags["road"])) == "fitted"
-    assert role_of(written, bag_sha256(bags["spare"])) == "held_out"
+    assert role_of(written, source_of(bags["road"])) == "fitted"
+    assert role_of(written, source_of(bags["spare"])) == "held_out"
     moved = shutil.copy(bags["road"], tmp_path / "another_name.mcap")
-    assert role_of(written, bag_sha256(moved)) == "fitted"
-    assert role_of(SUBJECT, bag_sha256(bags["road"])) is None
+    assert role_of(written, source_of(moved)) == "fitted"
+    assert role_of(SUBJECT, source_of(bags["road"])) is None
     assert json.loads((tmp_path / "anna.fit.json").read_text()) == fit_document(fitted)
     kept = yaml.safe_load((tmp_path / "anna.yaml").read_text())["provenance"]
     assert kept["intervals"]["natural_frequency_hz[head]"][0] < written.parameters.natural_frequency_hz[5]
@@ -123,7 +123,7 @@ def test_recordings_of_a_given_effect_count_as_fitted(fitted: Report, bags: dict
     without = dataclasses.replace(fitted, given=dataclasses.replace(given, effects=()))
     assert len(provenance(without)["fitted"]) == 2
     event = fitted.held_out[0]
-    spare = dataclasses.replace(event.bag, bag="spare.mcap", sha256=of_old["sha256"], held_out=True)
+    spare = dataclasses.replace(event.bag, bag="spare.mcap", source=Source(of_old["sha256"]), held_out=True)
     (warning,) = reuse_warnings(given, [(spare, event.case)])
     assert warning == "spare.mcap: held out, but an effect of the given subject was fitted to it"
 

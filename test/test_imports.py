@@ -21,6 +21,7 @@ PACKAGES = (
     "conditioning",
     "exposure",
     "recording",
+    "sessions",
     "pipeline",
     "validation",
     "identification",

@@ -46,7 +46,7 @@ from biodyn_core.tracing.findings import (
 from biodyn_ros.base.files import check_directory
 from biodyn_ros.commands.cli import main
 from biodyn_ros.reading.events import BagEvent
-from biodyn_ros.reading.provenance import MADE_BY_MODEL, bag_sha256, role_of
+from biodyn_ros.reading.provenance import MADE_BY_MODEL, Source, role_of, source_of
 from biodyn_ros.reports.residuals import AFTER_COLOUR, BEFORE_COLOUR, residual_spectra, windowed
 from biodyn_ros.trace import tracing
 from biodyn_ros.trace.document import PROOF, refit_document, trace_document, traced_subject
@@ -790,7 +790,7 @@ def test_parameters_are_shown_as_given_refitted_and_with_the_effect() -> None:
 
 
 def refit(subject: Subject, *hashes: str) -> Refit:
-    made = refit_of(found("not_decidable", given=subject), hashes)
+    made = refit_of(found("not_decidable", given=subject), [Source(each) for each in hashes])
     assert made is not None
     return made
 
@@ -811,7 +811,7 @@ def test_a_refit_outside_the_given_intervals_has_its_reason() -> None:
         " there the error is 38.0 % of the measured rms with the given parameters, 19.0 % with the refitted ones"
     )
     trace = found("not_decidable", given=given(SUBJECT))
-    whole = Report(trace, refit=refit_of(trace, ("a", "b", "x", "y", "z", "z")))
+    whole = Report(trace, refit=refit_of(trace, [Source(each) for each in "abxyzz"]))
     assert document["text"] in " ".join(text_of(whole).split())
     with empty_drawings():
         page = Page(trace_page(whole)).text
@@ -920,7 +920,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 def test_every_second_bag_of_a_condition_is_held_out() -> None:
     def held_out(**cases: str) -> list[str]:
         events = [
-            (BagEvent(bag, bag, types.SimpleNamespace(), False), types.SimpleNamespace(case=case))  # type: ignore[arg-type]
+            (BagEvent(bag, Source(bag), types.SimpleNamespace(), False), types.SimpleNamespace(case=case))  # type: ignore[arg-type]
             for bag, case in cases.items()
         ]
         given = [event.bag for event, _ in events]
@@ -971,15 +971,15 @@ def test_written_files_are_complete_and_have_the_bags(
     assert json.loads((out / "trace.json").read_text()) == json.loads(json.dumps(trace_document(traced)))
     written = load_subject(out / "subject.yaml")
     assert written.effects[0].effect.name == "stop" and written.provenance["made_by"] == "biodyn trace"
-    assert role_of(written, bag_sha256(bags["rail_1"])) == role_of(written, bag_sha256(bags["road"])) == "fitted"
-    assert role_of(written, bag_sha256(bags["rail_2"])) == "held_out"
+    assert role_of(written, source_of(bags["rail_1"])) == role_of(written, source_of(bags["road"])) == "fitted"
+    assert role_of(written, source_of(bags["rail_2"])) == "held_out"
     assert written.provenance["fitted"][0]["nrmse_rms_percent"] == 3.0
     assert written.provenance["error"]["before"] == {"train": 14.0, "held_out": 15.0}
     assert written.provenance["effects"] == {"stop at pelvis": {"gap_m": [0.0115, 0.0126]}}
     # These bags are not new for a further trace, and the origin of the first effect stays in the file.
     again = trace_bags([bags["rail_2"]], written, TraceOptions(held_out=(str(bags["road"]),)))
     assert any("had been fitted to it" in line for line in again.warnings)
-    assert role_of(traced_subject(again), bag_sha256(bags["rail_1"])) == "fitted"
+    assert role_of(traced_subject(again), source_of(bags["rail_1"])) == "fitted"
 
 
 @pytest.mark.parametrize("verdict", ["none", "unexplained", "not_decidable"])
@@ -1057,8 +1057,8 @@ def test_a_bag_for_choosing_counts_as_fitted(bags: dict[str, Path], calls: dict[
     spare = (str(bags["rail_2"]), str(bags["road"]))
     traced = trace_bags([bags["rail_1"]], SUBJECT, TraceOptions(held_out=spare))
     assert [of["use"] for of in trace_document(traced)["bags"]] == ["train", "choose", "held_out"]
-    assert role_of(traced_subject(traced), bag_sha256(bags["rail_2"])) == "fitted"
-    assert role_of(traced_subject(traced), bag_sha256(bags["road"])) == "held_out"
+    assert role_of(traced_subject(traced), source_of(bags["rail_2"])) == "fitted"
+    assert role_of(traced_subject(traced), source_of(bags["road"])) == "held_out"
 
 
 def test_validate_reports_a_bag_that_the_trace_was_fitted_to(

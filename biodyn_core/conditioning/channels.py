@@ -72,15 +72,24 @@ class Gyro:
         known = rates[~np.isnan(rates[:, 0])]
         if (known == known[:1]).all():
             raise InputError(f"{conditioner.sensor}: no angular rates in the record")
+        bias = self._bias(rates, stamps, conditioner)
+        usable[: conditioner.skipped] = False
+        read = _paired(np.concatenate([block.stamps_ns for block in blocks]), stamps[usable])
+        found = np.where((read >= 0)[:, None], rates[usable][read], np.nan) - bias
+        return np.split(found, np.cumsum([block.time_s.size for block in blocks])[:-1])
+
+    def _bias(self, rates: Floats, stamps: Integers, conditioner: Conditioner) -> Floats:
+        """The mean rate (3,) at rest."""
+        known = conditioner.gravity
+        if known is not None and known.rates_radps is not None:
+            self.is_still = True
+            return np.array(known.rates_radps)
         at_rest = rates[_rest(stamps, conditioner)]
         at_rest = at_rest[~np.isnan(at_rest[:, 0])]
         if at_rest.size == 0:
             raise InputError(f"{conditioner.sensor}: no angular rates at rest, so their bias is unknown: left out")
         self.is_still = bool((at_rest.std(axis=0) < MAX_RATE_SCATTER_RADPS).all())
-        usable[: conditioner.skipped] = False
-        read = _paired(np.concatenate([block.stamps_ns for block in blocks]), stamps[usable])
-        found = np.where((read >= 0)[:, None], rates[usable][read], np.nan) - at_rest.mean(axis=0)
-        return np.split(found, np.cumsum([block.time_s.size for block in blocks])[:-1])
+        return np.asarray(at_rest.mean(axis=0))
 
 
 def interpolated(time_s: Floats, values: Floats) -> Floats:

@@ -16,11 +16,13 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
+from biodyn_core.conditioning.attitude import MAX_RATE_SCATTER_RADPS
 from biodyn_core.conditioning.rest import RestWindow
 from biodyn_core.conditioning.tilt import Vector, gravity_and_vertical
 
-Origin = Literal["begin", "rest", "other_record", "motion"]
-"""Rest at the start of the record, later in it, or in another record; or no rest, and the mean over all motion."""
+Origin = Literal["begin", "rest", "session", "other_record", "motion"]
+"""Rest at the start of the record, later in it, elsewhere in its session, or in another record; or no rest, and the
+mean over all motion."""
 
 SAME_MOUNTING_MPS2: Final = 0.86
 """Means of one sensor in two records differ by less than this, 5 deg of tilt, where it was mounted alike."""
@@ -46,6 +48,7 @@ class Gravity:
     at_s: start of the averaged stretch in the record. samples: its first sample and the one after it, in order of
     arrival; None at the start, where conditioning finds them, and for another record (source). quietest_mps2: least rms
     of any window of a record without rest. tilted: there is a rest in the record, but mounted otherwise than in motion.
+    rates_radps: the mean angular rate at rest, the gyro's bias, where the samples of the rest are not in the record.
     """
 
     mean_mps2: Vector
@@ -55,6 +58,7 @@ class Gravity:
     quietest_mps2: float | None = None
     source: str = ""
     tilted: bool = False
+    rates_radps: Vector | None = None
 
     @property
     def is_rest(self) -> bool:
@@ -63,7 +67,7 @@ class Gravity:
 
     def warning(self, vertical_given: bool) -> str | None:
         """The origin in one line; None for rest at the start."""
-        if self.origin == "begin":
+        if self.origin in ("begin", "session"):
             return None
         if self.origin == "rest":
             return f"no rest at the start: gravity is from the rest at {self.at_s:.1f} s"
@@ -242,6 +246,26 @@ def angle_deg(one: Vector, other: Vector) -> float:
     """The angle between two directions."""
     cosine = float(np.dot(one, other)) / (math.hypot(*one) * math.hypot(*other))
     return math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+
+
+def gravity_in_rest(samples_mps2: Floats, rates_radps: Floats) -> Gravity | None:
+    """The gravity of a sensor from its samples (n, 3) in a rest of its session; None where it moves there.
+
+    rates_radps (n, 3), NaN where none were read: their mean is the bias of the gyro, if they scatter little.
+    """
+    finite = samples_mps2[np.isfinite(samples_mps2).all(axis=1)]
+    if len(finite) == 0 or float(np.sqrt(((finite - finite.mean(axis=0)) ** 2).sum(axis=1).mean())) > IDLING_MPS2:
+        return None
+    read = rates_radps[np.isfinite(rates_radps).all(axis=1)]
+    is_still = len(read) > 0 and bool((read.std(axis=0) < MAX_RATE_SCATTER_RADPS).all())
+    x, y, z = finite.mean(axis=0).tolist()
+    bias = tuple(read.mean(axis=0).tolist()) if is_still else None
+    return Gravity((x, y, z), "session", rates_radps=bias)
+
+
+def of_session(whole: Gravity) -> Gravity:
+    """The gravity of a sensor in a part of a session, from the search in the whole."""
+    return replace(whole, origin="motion" if whole.origin == "motion" else "session", samples=None)
 
 
 def from_other_record(own: Gravity, others: Iterable[tuple[str, Gravity]]) -> Gravity:

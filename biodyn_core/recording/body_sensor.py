@@ -112,7 +112,9 @@ class SensorTrack:
         assert status.vertical is not None and status.gravity_mps2 is not None  # known once there are runs
         gravity_mps2, rotation = status.gravity_mps2, rotation_to_vertical(np.array(status.vertical))
         try:
-            if not self._gyro.is_still or self._conditioner.gravity is not None:
+            gravity = self._conditioner.gravity
+            # A part of a session begins with the tilt at its rest: changes within it are small beside those since.
+            if not self._gyro.is_still or (gravity is not None and gravity.rates_radps is None):
                 raise ValueError("its gyro does not rest at the start")
             return self._integrated(rotation, gravity_mps2)
         except ValueError as error:

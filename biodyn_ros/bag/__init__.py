@@ -20,17 +20,17 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.base.arrays import Integers
+from biodyn_core.base.arrays import Flags, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.suggestions import did_you_mean, did_you_mean_file
 from biodyn_ros.bag.cdr import IMU_TYPE, ImuBlock, decode_imu_in
 from biodyn_ros.bag.files import files_of_directory, kind_of
 from biodyn_ros.bag.mcap import McapStorage
 from biodyn_ros.bag.sqlite import SqliteStorage
-from biodyn_ros.bag.storage import Block, Chunk, Storage, TopicInfo, TopicKey
+from biodyn_ros.bag.storage import Block, Chunk, LogTimes, Storage, TopicInfo, TopicKey
 from biodyn_ros.bag.writer import BagWriter
 
-__all__ = ["BagReader", "BagWriter", "Block", "Chunk", "LoggedImu", "TopicInfo", "imu_blocks", "open_bag"]
+__all__ = ["BagReader", "BagWriter", "Block", "Chunk", "LogTimes", "LoggedImu", "TopicInfo", "imu_blocks", "open_bag"]
 
 SLICE_NS: Final = 250_000_000
 """Largest lead in log time of one topic over the others in `imu_blocks`."""
@@ -44,6 +44,11 @@ class LoggedImu(ImuBlock):
 
     header_ns: Integers
     log_ns: Integers
+
+    def only(self, rows: Flags) -> LoggedImu:
+        """The samples with a set flag (n,)."""
+        rates = None if self.gyro_radps is None else self.gyro_radps[rows]
+        return LoggedImu(self.stamps_ns[rows], self.accel_mps2[rows], rates, self.header_ns[rows], self.log_ns[rows])
 
 
 _Run = tuple[int, int, int, LoggedImu]
@@ -92,10 +97,11 @@ class BagReader:
         """The MCAP metadata record of that name (`biodyn` holds provenance), empty if there is none."""
         return next((found for part in self._storages if (found := part.metadata(name))), {})
 
-    def chunks(self, topics: Iterable[str] | None = None) -> Iterator[Chunk]:
+    def chunks(self, topics: Iterable[str] | None = None, within: LogTimes | None = None) -> Iterator[Chunk]:
         """The messages of these topics, or of all, chunk by chunk in the order of log time.
 
-        InputError for a topic that is not in the bag.
+        within: log times; a chunk without messages between them is skipped. InputError for a topic that is not in the
+        bag.
         """
         known = {topic.name for topic in self.topics}
         wanted = known if topics is None else frozenset(topics)
@@ -103,7 +109,7 @@ class BagReader:
             there = ", ".join(sorted(known)) or "none"
             near = did_you_mean(missing[0], known)
             raise InputError(f"{self.path}: topic {missing[0]} is not in the bag; its topics: {there}{near}")
-        return chain.from_iterable(part.chunks(frozenset(wanted)) for part in self._storages)
+        return chain.from_iterable(part.chunks(frozenset(wanted), within) for part in self._storages)
 
     def blocks(self, topics: Iterable[str] | None = None) -> Iterator[Block]:
         """The messages of these topics, or of all: one block per topic and chunk, in file order within it.
@@ -140,11 +146,15 @@ def open_bag(path: str | Path) -> BagReader:
 
 
 def imu_blocks(
-    reader: BagReader, topics: Iterable[str], time: str | Mapping[str, str] = "header", gyro: bool = False
+    reader: BagReader,
+    topics: Iterable[str],
+    time: str | Mapping[str, str] = "header",
+    gyro: bool = False,
+    within: LogTimes | None = None,
 ) -> Iterator[tuple[str, LoggedImu]]:
     """Decoded samples of these Imu topics, in parallel: an iterator of (topic, block).
 
-    Angular velocities are decoded with `gyro` only.
+    Angular velocities are decoded with `gyro` only. within: as `BagReader.chunks`.
 
     Blocks are cut at multiples of 0.25 s of log time: all topics' samples of one such slot come before any of the
     next, independent of the chunks of the bag. Within a chunk the samples of a topic stay in file order; one logged
@@ -160,7 +170,7 @@ def imu_blocks(
         if topic.name in names and topic.type != IMU_TYPE:
             raise InputError(f"{reader.path}: topic {topic.name} is {topic.type}, {IMU_TYPE} is needed: map another")
     by_log = frozenset(name for name in names if times[name] == "log")
-    return _sliced(reader, names, reader.chunks(names), by_log, gyro)
+    return _sliced(reader, names, reader.chunks(names, within), by_log, gyro)
 
 
 def _sliced(

@@ -24,7 +24,7 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.wording import counted
 from biodyn_ros.bag import mcap_records as records
 from biodyn_ros.bag.mcap_records import DamagedError
-from biodyn_ros.bag.storage import Chunk, TopicInfo, TopicKey, grouped, refuse_foreign, require
+from biodyn_ros.bag.storage import Chunk, LogTimes, TopicInfo, TopicKey, grouped, refuse_foreign, require
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -47,6 +47,10 @@ class _Piece:
     end_ns: int
     channels: frozenset[int]
     loose: bool = False
+
+    def overlaps(self, within: LogTimes) -> bool:
+        """Whether it may have messages between these log times."""
+        return self.start_ns <= within[1] and within[0] <= self.end_ns
 
 
 class McapStorage:
@@ -82,13 +86,16 @@ class McapStorage:
         except (KeyError, DamagedError):
             return {}
 
-    def chunks(self, topics: frozenset[str]) -> Iterator[Chunk]:
-        """The messages of these topics, chunk by chunk in the order of log time; damaged chunks give a warning."""
+    def chunks(self, topics: frozenset[str], within: LogTimes | None = None) -> Iterator[Chunk]:
+        """The messages of these topics, chunk by chunk in the order of log time; damaged chunks give a warning.
+
+        within: chunks without messages between these log times are skipped, unread.
+        """
         keys = tuple((t.name, t.type) for t in self.topics if t.name in topics)
         place = {key: k for k, key in enumerate(keys)}
         group_of = {c: place[key] for c in self._channels if (key := self._key(c)) in place}
         for piece in self._pieces:
-            if piece.channels.isdisjoint(group_of):
+            if piece.channels.isdisjoint(group_of) or (within and not piece.overlaps(within)):
                 continue
             try:
                 yield self._chunk(piece, keys, group_of)

@@ -17,7 +17,7 @@ import numpy as np
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.wording import counted
-from biodyn_ros.bag.storage import Chunk, TopicInfo, TopicKey, grouped, refuse_foreign
+from biodyn_ros.bag.storage import Chunk, LogTimes, TopicInfo, TopicKey, grouped, refuse_foreign
 
 MAGIC = b"SQLite format 3\0"
 
@@ -58,7 +58,7 @@ class SqliteStorage:
         """Always empty: rosbag2's sqlite3 files have no records of that kind."""
         return {}
 
-    def chunks(self, topics: frozenset[str]) -> Iterator[Chunk]:
+    def chunks(self, topics: frozenset[str], within: LogTimes | None = None) -> Iterator[Chunk]:
         """The messages of these topics in the order of log time; a damaged database ends with a warning.
 
         Ordered by timestamp as in rosbag2, by its index on timestamp; rows with the same timestamp are in the order of
@@ -68,9 +68,10 @@ class SqliteStorage:
         place = {key: k for k, key in enumerate(keys)}
         group_of = {i: place[key] for i, key in self._keys.items() if key in place}
         marks = ",".join("?" * len(group_of))  # no data enters the text of the query
-        where = f"topic_id IN ({marks})"
+        where, values = f"topic_id IN ({marks})", [*group_of]
+        if within:
+            where, values = f"{where} AND timestamp BETWEEN ? AND ?", [*values, *within]
         query = f"SELECT topic_id, timestamp, data FROM messages WHERE {where} ORDER BY timestamp, id"  # noqa: S608
-        values = [*group_of]
         if self._last_id is not None:
             query = f"SELECT topic_id, timestamp, data FROM messages NOT INDEXED WHERE id <= ? AND {where} ORDER BY id"  # noqa: S608
             values = [self._last_id, *values]

@@ -16,6 +16,9 @@ from biodyn_core.base.arrays import Integers
 from biodyn_core.base.errors import InputError
 
 Bytes = NDArray[np.uint8]
+LogTimes = tuple[int, int]
+"""The first and last log time, ns, of wanted messages."""
+
 TopicKey = tuple[str, str]
 """Topic name and message type."""
 
@@ -82,8 +85,8 @@ class Storage(Protocol):
     end_ns: int | None
     recovered: bool
 
-    def chunks(self, topics: frozenset[str]) -> Iterator[Chunk]:
-        """The messages of these topics, one chunk in memory at a time."""
+    def chunks(self, topics: frozenset[str], within: LogTimes | None = None) -> Iterator[Chunk]:
+        """The messages of these topics, one chunk in memory at a time; chunks without times `within` are skipped."""
 
     def metadata(self, name: str) -> dict[str, str]:
         """The metadata record of that name, empty if there is none."""

@@ -15,7 +15,7 @@ from biodyn_ros.base.files import write_text
 from biodyn_ros.base.json_files import keys_of, read_json, write_json
 from biodyn_ros.fit.campaign_file import Campaign, Entry
 from biodyn_ros.fit.fitting import FitOptions, json_beside, page_beside
-from biodyn_ros.reading.provenance import bag_sha256
+from biodyn_ros.reading.provenance import source_of
 from biodyn_ros.reading.recordings import case_of
 from biodyn_ros.work.executors import result_of
 
@@ -162,7 +162,7 @@ class Results:
 def fingerprint(entry: Entry, options: FitOptions) -> str:
     """A hash of a fit: subject, bags by content with role and case, options, and version."""
     bags = [
-        (role, bag_sha256(bag), entry.cases.get(bag) or case_of(bag))
+        (role, source_of(bag), entry.cases.get(bag) or case_of(bag))
         for role, paths in (("fitted", entry.bags), ("held out", entry.held_out))
         for bag in paths
     ]

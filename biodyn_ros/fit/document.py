@@ -72,7 +72,7 @@ def provenance(report: Report) -> Document:
         "version": __version__,
         "seed": report.seed,
         "result": result,
-        "fitted": fitted + effect_recordings(report.given, excluded={each["sha256"] for each in fitted}),
+        "fitted": fitted + effect_recordings(report.given, excluded=[event.bag.source for event in report.fitted]),
         "held_out": [
             _origin(event) | {"nrmse_rms_percent": by_segment(event.errors[result].nrmse_rms_percent)}
             for event in report.held_out
@@ -85,7 +85,7 @@ def provenance(report: Report) -> Document:
 
 
 def _origin(event: FitEvent) -> Document:
-    return {"bag": event.bag.bag, "case": event.case.case, "sha256": event.bag.sha256}
+    return {"bag": event.bag.bag, "case": event.case.case, **event.bag.source.to_dict()}
 
 
 # --- events ----------------------------------------------------------------------------------------------------------
@@ -96,7 +96,7 @@ def _case(event: FitEvent, fit: Fit) -> Document:
     case = event.case
     return {
         "bag": event.bag.bag,
-        "sha256": event.bag.sha256,
+        **event.bag.source.to_dict(),
         "case": case.case,
         "seconds": event.seconds,
         "compared_s": by_segment(case.compared.sum(axis=0) / case.rate_hz),
@@ -116,7 +116,7 @@ def _case(event: FitEvent, fit: Fit) -> Document:
 def _held_out(event: FitEvent) -> Document:
     return {
         "bag": event.bag.bag,
-        "sha256": event.bag.sha256,
+        **event.bag.source.to_dict(),
         "case": event.case.case,
         "why": event.use,
         "joint": _error(event.errors["joint"]),

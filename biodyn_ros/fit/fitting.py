@@ -30,6 +30,7 @@ from biodyn_ros.base.json_files import write_json
 from biodyn_ros.fit.document import fit_document, fitted_subject
 from biodyn_ros.fit.report import FITS, FitEvent, Report, Use, reuse_warnings, warnings_of
 from biodyn_ros.reading.events import EventOptions, Prepared, check_bags, read_events
+from biodyn_ros.reading.parts import Bag
 from biodyn_ros.reading.recordings import RecordingOptions
 from biodyn_ros.work.tasks import Work
 
@@ -43,7 +44,7 @@ class FitOptions:
     """
 
     seed: int = 0
-    held_out: tuple[str, ...] = ()
+    held_out: tuple[Bag, ...] = ()
     cases: Mapping[str, str] = field(default_factory=dict)
     profiles: tuple[str, ...] = ()
     reading: RecordingOptions = field(default_factory=RecordingOptions)
@@ -54,7 +55,7 @@ class FitOptions:
 
 
 def fit_bags(
-    bags: Sequence[str | Path],
+    bags: Sequence[Bag],
     subject: Subject,
     options: FitOptions | None = None,
     work: Work | None = None,

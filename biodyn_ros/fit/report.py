@@ -21,7 +21,7 @@ from biodyn_core.identification.residuals import ResidualCheck
 from biodyn_core.identification.settings import Refiner
 from biodyn_core.identification.uncertainty import Uncertainty
 from biodyn_ros.reading.events import BagEvent, Prepared
-from biodyn_ros.reading.provenance import MADE_BY_MODEL, effect_recordings, without_note
+from biodyn_ros.reading.provenance import MADE_BY_MODEL, origins_of, without_note
 
 FitName = Literal["alone", "joint", "idealized"]
 FITS: Final[tuple[FitName, ...]] = ("alone", "joint", "idealized")
@@ -122,6 +122,6 @@ def warnings_of(events: Sequence[Prepared]) -> list[str]:
 
 def reuse_warnings(given: Subject, held_out: Sequence[Prepared]) -> list[str]:
     """Warnings on held-out bags to which an effect of the given subject was fitted."""
-    known = {each.get("sha256") for each in effect_recordings(given, excluded=())}
-    bags = dict.fromkeys(event.bag for event, _ in held_out if event.sha256 in known)
+    known = [source for _, source in origins_of(given, "fitted")] if given.effects else []
+    bags = dict.fromkeys(event.bag for event, _ in held_out if any(event.source.overlaps(one) for one in known))
     return [f"{bag}: held out, but an effect of the given subject was fitted to it" for bag in bags]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from biodyn_core.base.errors import InputError, UnusableRecording
 from biodyn_core.base.suggestions import did_you_mean
@@ -14,16 +13,17 @@ from biodyn_core.recording.recording import Recording
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_ros.base.progress import OnProgress
 from biodyn_ros.reading.gravity import gravity_by_bag
-from biodyn_ros.reading.provenance import bag_sha256
+from biodyn_ros.reading.parts import Bag, part_of
+from biodyn_ros.reading.provenance import Source, source_of
 from biodyn_ros.reading.recordings import RecordingOptions, case_of, read_recordings
 
 
 @dataclass(frozen=True, eq=False)
 class BagEvent:
-    """One recording, its bag, and whether the bag is held out."""
+    """One recording, its bag or part, and whether it is held out."""
 
     bag: str
-    sha256: str
+    source: Source
     recording: Recording
     held_out: bool
 
@@ -50,38 +50,40 @@ class Events:
     left_out: tuple[str, ...]
 
 
-def check_bags(bags: Sequence[str | Path], held_out: Sequence[str], cases: Iterable[str]) -> None:
-    """Raise InputError for no bag, a bag given twice, or a case (by bag) of a bag that is not given."""
+def check_bags(bags: Sequence[Bag], held_out: Sequence[Bag], cases: Iterable[str]) -> None:
+    """Raise InputError for no bag, a bag or part given twice, or a case (by bag) of a bag that is not given."""
     if not bags:
         raise InputError("no bag is given: give at least one")
-    paths = [Path(bag).resolve() for bag in (*bags, *held_out)]
-    for path in paths:
-        if paths.count(path) > 1:
-            raise InputError(f"{path}: given twice: give each bag once, either to fit or to hold out")
+    parts = [part_of(bag) for bag in (*bags, *held_out)]
+    for number, part in enumerate(parts):
+        path = part.path.resolve()
+        for other in parts[:number]:
+            if other.path.resolve() == path and other.overlaps(part):
+                if part.is_whole and other.is_whole:
+                    raise InputError(f"{path}: given twice: give each bag once, either to fit or to hold out")
+                raise InputError(f"{part}: overlaps {other}: give each part once, either to fit or to hold out")
     given = {str(bag) for bag in (*bags, *held_out)}
     for bag in cases:
         if bag not in given:
             raise InputError(f"case of {bag}: no such bag is given{did_you_mean(bag, given)}")
 
 
-def read_events(
-    bags: Sequence[str | Path], held_out: Sequence[str], options: EventOptions, progress: OnProgress
-) -> Events:
+def read_events(bags: Sequence[Bag], held_out: Sequence[Bag], options: EventOptions, progress: OnProgress) -> Events:
     """The prepared recordings of all bags; a recording that cannot be compared with a model is excluded.
 
     Raises InputError for a bag that cannot be read, the same recording under two names, or if none to fit remains.
     """
     given = [(bag, False) for bag in bags] + [(bag, True) for bag in held_out]
     gravity = gravity_by_bag([bag for bag, _ in given], options.reading, options.reading.verticals())
-    hashes: dict[str, str | Path] = {}
+    sources: list[tuple[Source, Bag]] = []
     prepared: list[Prepared] = []
     reasons: list[str] = []
     for number, (bag, is_held_out) in enumerate(given):
         progress(number, len(given))
-        sha256 = bag_sha256(bag)
-        if sha256 in hashes:
-            raise InputError(f"{bag}: the same recording as {hashes[sha256]}; give it once")
-        hashes[sha256] = bag
+        source = source_of(bag)
+        if same := next((other for known, other in sources if known.overlaps(source)), None):
+            raise InputError(f"{bag}: the same recording as {same}; give it once")
+        sources.append((source, bag))
         case = options.cases.get(str(bag), case_of(bag))
         try:
             recordings = read_recordings(bag, case, options.reading, gravity=gravity[number])
@@ -94,7 +96,7 @@ def read_events(
             except UnusableRecording as error:
                 reasons.append(str(error))
             else:
-                prepared.append((BagEvent(str(bag), sha256, recording, is_held_out), ready))
+                prepared.append((BagEvent(str(bag), source, recording, is_held_out), ready))
     progress(len(given), len(given))
     if all(event.held_out for event, _ in prepared):
         several = f"none of the {len(bags)} bags can be fitted; the first: " if len(bags) > 1 else ""

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
-from collections.abc import Container, Iterable, Mapping
+import math
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from biodyn_ros.bag import BagReader, open_bag
+from biodyn_ros.reading.parts import Bag, part_of
 
 if TYPE_CHECKING:
     from biodyn_core.body.subject import Subject
@@ -38,10 +42,51 @@ def without_note(warnings: Iterable[str]) -> tuple[list[str], list[str]]:
     return notes, rest
 
 
+@dataclass(frozen=True)
+class Source:
+    """A recording by content: the SHA-256 of its bag, and its part in seconds after the seat's first sample."""
+
+    sha256: str
+    begin_s: float = 0.0
+    end_s: float = math.inf
+
+    def overlaps(self, other: Source) -> bool:
+        """Whether both have samples in common."""
+        return self.sha256 == other.sha256 and min(self.end_s, other.end_s) > max(self.begin_s, other.begin_s)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields of a file; a whole bag has no part."""
+        part = {"begin_s": self.begin_s, "end_s": self.end_s} if (self.begin_s, self.end_s) != (0.0, math.inf) else {}
+        return {"sha256": self.sha256} | {name: value for name, value in part.items() if value != math.inf}
+
+    @classmethod
+    def of_dict(cls, origin: object) -> Source | None:
+        """From the fields of a file; None for another content."""
+        if not isinstance(origin, Mapping) or not isinstance(origin.get("sha256"), str):
+            return None
+        begin_s, end_s = origin.get("begin_s", 0.0), origin.get("end_s", math.inf)
+        if not all(isinstance(time_s, int | float) for time_s in (begin_s, end_s)):
+            return None
+        return cls(origin["sha256"], float(begin_s), float(end_s))
+
+
+def source_of(bag: Bag) -> Source:
+    """The content of a bag, or of a part."""
+    part = part_of(bag)
+    return Source(bag_sha256(part.path), part.begin_s, part.end_s)
+
+
 def bag_sha256(path: str | Path) -> str:
     """SHA-256 of a bag's storage files, one after the other; independent of the name of the bag."""
     with open_bag(path) as reader:
         files = reader.files
+    states = [file.stat() for file in files]
+    return _sha256_of(tuple(files), tuple((one.st_size, one.st_mtime_ns) for one in states))
+
+
+@functools.lru_cache(maxsize=64)
+def _sha256_of(files: tuple[Path, ...], _states: tuple[tuple[int, int], ...]) -> str:
+    """Once for all parts of a bag; _states: size and time of change, so that a changed bag is read again."""
     return sha256_of(files)
 
 
@@ -57,18 +102,22 @@ def sha256_of(files: Iterable[Path], max_bytes: int | None = None) -> str:
     return digest.hexdigest()
 
 
-def effect_recordings(subject: Subject, excluded: Container[str]) -> list[Any]:
-    """The recordings, as in its file, to which a subject's effects were fitted, without those with these hashes."""
-    known = subject.provenance.get("fitted") if subject.effects else None
-    earlier = known if isinstance(known, list) else []
-    return [each for each in earlier if isinstance(each, Mapping) and each.get("sha256") not in excluded]
+def effect_recordings(subject: Subject, excluded: Collection[Source]) -> list[Any]:
+    """The recordings, as in its file, to which a subject's effects were fitted, without those that overlap these."""
+    earlier = origins_of(subject, "fitted") if subject.effects else []
+    return [origin for origin, source in earlier if not any(source.overlaps(one) for one in excluded)]
 
 
-def role_of(subject: Subject, sha256: str) -> Role | None:
-    """The role of a bag for this subject: `fitted`, `held_out`, or None for a bag that its file does not list."""
+def role_of(subject: Subject, source: Source) -> Role | None:
+    """The role of a recording for this subject: `fitted`, `held_out`, or None where its file lists no part of it."""
     for role in ROLES:
-        events = subject.provenance.get(role)
-        for event in events if isinstance(events, list) else []:
-            if isinstance(event, Mapping) and event.get("sha256") == sha256:
-                return role
+        if any(known.overlaps(source) for _, known in origins_of(subject, role)):
+            return role
     return None
+
+
+def origins_of(subject: Subject, role: Role) -> list[tuple[Mapping[str, Any], Source]]:
+    """The recordings of a role in a subject's file, as they are there, with their content."""
+    listed = subject.provenance.get(role)
+    each = [(origin, Source.of_dict(origin)) for origin in (listed if isinstance(listed, list) else [])]
+    return [(origin, source) for origin, source in each if source is not None]

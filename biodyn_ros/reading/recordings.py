@@ -6,7 +6,6 @@ import dataclasses
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 from biodyn_core.body.synthesis_settings import CASES
 from biodyn_core.conditioning.gravity import Gravity
@@ -15,7 +14,8 @@ from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_core.recording.recording import Recorder, Recording
 from biodyn_core.recording.recording_settings import RecordingSettings
 from biodyn_ros.base.progress import OnProgress, ignore_progress
-from biodyn_ros.reading.gravity import gravity_of
+from biodyn_ros.reading.gravity import gravity_of_part
+from biodyn_ros.reading.parts import Bag, part_of
 from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.reading.sensors import ReadingOptions, open_sensors
 
@@ -38,7 +38,7 @@ class RecordingOptions(ReadingOptions):
 
 
 def read_recordings(
-    bag: str | Path,
+    bag: Bag,
     case: str | None = None,
     options: RecordingOptions | None = None,
     progress: OnProgress = ignore_progress,
@@ -49,13 +49,13 @@ def read_recordings(
     `progress` is called with (samples done, all samples). gravity: of its sensors, as from `gravity_by_bag`; None to
     search this bag only. Raises InputError for a bag without Imu or seat, and as `Recorder.finish`.
     """
-    options = options or RecordingOptions()
+    options, part = options or RecordingOptions(), part_of(bag)
     verticals = options.verticals()
     with_rates = options.channels or not (options.recording or RecordingSettings()).keep_lean
-    with open_sensors(bag, options) as sensors:
-        settings, named = sensors.conditioning, case or case_of(bag)
-        known = gravity_of(sensors, verticals) if gravity is None else gravity
-        recorder = Recorder(named, str(bag), settings, options.recording, verticals, options.channels, known)
+    with open_sensors(part, options) as sensors:
+        settings, named = sensors.conditioning, case or case_of(part)
+        known = gravity_of_part(part, sensors, options, verticals) if gravity is None else gravity
+        recorder = Recorder(named, str(part), settings, options.recording, verticals, options.channels, known)
         for sensor, block in sensors.blocks(progress, with_rates):
             recorder.push(sensor, block.stamps_ns, block.accel_mps2, block.gyro_radps)
         warnings = [*([MADE_BY_MODEL] if sensors.made_by_model else []), *sensors.bag_warnings()]
@@ -65,12 +65,15 @@ def read_recordings(
     return [dataclasses.replace(each, warnings=(*warnings, *each.warnings)) for each in recordings]
 
 
-def case_of(bag: str | Path) -> str:
-    """The loading condition by a bag's name: the only case in it, or the name without a trailing number.
+def case_of(bag: Bag) -> str:
+    """The loading condition of a part, or by a bag's name: the only case in it, or the name without a trailing number.
 
     `rail_crossing_2.mcap` is rail, `gravel_03` is gravel; a name with two cases is a case of its own.
     """
-    path = Path(bag)
+    part = part_of(bag)
+    if part.case is not None:
+        return part.case
+    path = part.path
     stem = path.stem if path.suffix in (".mcap", ".db3") else path.name
     named = [case for case in CASES if case in re.split(r"[^a-z]+", stem.lower())]
     return named[0] if len(named) == 1 else re.sub(r"[-_. ]*\d*$", "", stem) or stem

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
+
+import numpy as np
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SEAT
 from biodyn_core.conditioning.clocks import ClockComparison
 from biodyn_core.conditioning.conditioned import SensorStatus
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
@@ -15,6 +18,7 @@ from biodyn_ros.bag import BagReader, LoggedImu, imu_blocks, open_bag
 from biodyn_ros.base.progress import OnProgress
 from biodyn_ros.reading.mapping import sensors_of
 from biodyn_ros.reading.marks import Mark, marks_of
+from biodyn_ros.reading.parts import BESIDE_S, BEYOND_S, Bag, BagPart, Extent, part_of
 from biodyn_ros.reading.provenance import is_made_by_model
 from biodyn_ros.reading.saturation import limits_of
 from biodyn_ros.reading.stamps import SensorClock, choose_times, clock_warnings
@@ -30,12 +34,13 @@ class ReadingOptions:
 
 
 class SensorReading:
-    """The sensors of an open bag: iterate over `blocks` once; the warnings are complete afterwards.
+    """The sensors of an open bag, or of a part: iterate over `blocks` once; the warnings are complete afterwards.
 
-    conditioning: settings by sensor, with the bag's own limits; times: "header" or "log", by sensor.
+    conditioning: settings by sensor, with the bag's own limits; times: "header" or "log", by sensor. InputError for a
+    part outside the bag.
     """
 
-    def __init__(self, reader: BagReader, options: ReadingOptions) -> None:
+    def __init__(self, reader: BagReader, options: ReadingOptions, part: BagPart | None = None) -> None:
         self._reader = reader
         self._sensors = sensors_of(reader, options.mapping)
         self.conditioning, self._limit_notes = limits_of(reader, self._sensors, options.conditioning)
@@ -44,10 +49,13 @@ class SensorReading:
         self.times = {sensor: self._choices[topic].time for topic, sensor in self._sensors.items()}
         self.made_by_model = is_made_by_model(reader)
         self._begin_ns: int | None = None
+        self._extent = None if part is None or part.is_whole else self._extent_of(part)
 
     def blocks(self, progress: OnProgress, gyro: bool = False) -> Iterator[tuple[str, LoggedImu]]:
         """Each sensor's next samples, in order of log time; `progress` is called with (samples done, all samples)."""
         total = sum(topic.messages for topic in self._reader.topics if topic.name in self._sensors)
+        if self._extent is not None:
+            total = round(total * self._extent.share)
         done = 0
         for topic, block in self._imu_blocks(gyro):
             if self._begin_ns is None:
@@ -55,7 +63,7 @@ class SensorReading:
             yield self._sensors[topic], block
             self._clocks[topic].push(block.header_ns, block.log_ns)
             done += len(block.stamps_ns)
-            progress(done, total)
+            progress(min(done, total), total)
 
     def samples(self) -> Iterator[tuple[str, LoggedImu]]:
         """The samples of `blocks`, any number of times; without effect on the warnings."""
@@ -63,7 +71,31 @@ class SensorReading:
 
     def _imu_blocks(self, gyro: bool) -> Iterator[tuple[str, LoggedImu]]:
         times = {topic: choice.time for topic, choice in self._choices.items()}
-        return imu_blocks(self._reader, self._sensors, times, gyro)
+        if self._extent is None:
+            return imu_blocks(self._reader, self._sensors, times, gyro)
+        blocks = imu_blocks(self._reader, self._sensors, times, gyro, self._extent.within_ns)
+        return self._extent.of(blocks)
+
+    def first_of_seat(self) -> tuple[int, int]:
+        """Stamp and log time, ns, of the seat's first sample; raises InputError without any."""
+        (topic,) = (topic for topic, sensor in self._sensors.items() if sensor == SEAT)
+        for _, block in imu_blocks(self._reader, [topic], self._choices[topic].time):
+            is_set = np.flatnonzero(block.stamps_ns)
+            if is_set.size:
+                return int(block.stamps_ns[is_set[0]]), int(block.log_ns[is_set[0]])
+        raise InputError(f"{self._reader.path}: the seat has no sample with a stamp")
+
+    def _extent_of(self, part: BagPart) -> Extent:
+        stamp_ns, log_ns = self.first_of_seat()
+        length_s = 1e-9 * ((self._reader.end_ns or log_ns) - log_ns)
+        if part.begin_s >= length_s or (part.end_s < math.inf and part.end_s > length_s + BEYOND_S):
+            raise InputError(f"{part}: outside the bag, which has {length_s:.2f} s")
+        header_ns = log_ns - stamp_ns if self.times[SEAT] == "header" else 0
+        begins = {
+            topic: stamp_ns + (header_ns if choice.time == "log" else 0) for topic, choice in self._choices.items()
+        }
+        beside = {topic: 0.0 if sensor == SEAT else BESIDE_S for topic, sensor in self._sensors.items()}
+        return Extent.of_part(part, length_s, begins, beside, log_ns)
 
     def bag_warnings(self) -> list[str]:
         """Warnings about the bag itself."""
@@ -71,7 +103,8 @@ class SensorReading:
 
     def marks(self) -> list[Mark]:
         """The marks of the recording; empty before `blocks` has found its start."""
-        return [] if self._begin_ns is None else marks_of(self._reader, self._begin_ns)
+        found = [] if self._begin_ns is None else marks_of(self._reader, self._begin_ns)
+        return found if self._extent is None else [mark for mark in found if 0.0 <= mark.time_s <= self._extent.seconds]
 
     def clock_warnings(self, seconds: float) -> list[str]:
         """Warnings about stamps and clocks of a record of this length."""
@@ -91,7 +124,8 @@ def check_seat(status: SensorStatus, bag: str) -> None:
 
 
 @contextmanager
-def open_sensors(bag: str | Path, options: ReadingOptions) -> Iterator[SensorReading]:
-    """Open a bag to read its sensors; raises InputError for a bag without Imu or seat."""
-    with open_bag(bag) as reader:
-        yield SensorReading(reader, options)
+def open_sensors(bag: Bag, options: ReadingOptions) -> Iterator[SensorReading]:
+    """Open a bag, or a part, to read its sensors; raises InputError for a bag without Imu or seat."""
+    part = part_of(bag)
+    with open_bag(part.path) as reader:
+        yield SensorReading(reader, options, part)

@@ -26,7 +26,8 @@ from biodyn_ros.base import topics
 from biodyn_ros.base.files import check_directory, make_directory, remove
 from biodyn_ros.base.json_files import write_json
 from biodyn_ros.base.progress import OnProgress, ignore_progress
-from biodyn_ros.reading.gravity import gravity_of
+from biodyn_ros.reading.gravity import gravity_of_part
+from biodyn_ros.reading.parts import Bag, part_of
 from biodyn_ros.reading.sensors import ReadingOptions, check_seat, open_sensors
 from biodyn_ros.replay.traces import Traces
 from biodyn_ros.reports.exposure_json import exposure_document
@@ -60,7 +61,7 @@ class Replayed:
 
 
 def replay(
-    bag: str | Path,
+    bag: Bag,
     subject: Subject,
     options: ReplayOptions | None = None,
     each: Callable[[Frames], Any] = lambda frames: None,
@@ -71,10 +72,10 @@ def replay(
     `progress` is called with (samples done, samples in all). Raises InputError for a bag without Imu or seat, or with a
     seat that allows no prediction.
     """
-    options = options or ReplayOptions()
-    with open_sensors(bag, options) as sensors:
+    options, part = options or ReplayOptions(), part_of(bag)
+    with open_sensors(part, options) as sensors:
         settings = options.pipeline or PipelineSettings()
-        gravity = gravity_of(sensors, settings.verticals())
+        gravity = gravity_of_part(part, sensors, options, settings.verticals())
         pipeline = Pipeline(subject, sensors.conditioning, settings, options.limits, options.mode, gravity)
         for sensor, block in sensors.blocks(progress):
             each(pipeline.push(sensor, block.stamps_ns, block.accel_mps2))
@@ -91,7 +92,7 @@ def replay(
 
 
 def replay_to_directory(
-    bag: str | Path,
+    bag: Bag,
     subject: Subject,
     directory: Path,
     options: ReplayOptions | None = None,

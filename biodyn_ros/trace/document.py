@@ -109,7 +109,7 @@ def provenance(report: Report) -> Document:
     """
     trace = report.trace
     origins = [_origin(event, case, trace) for event, case in report.events]
-    earlier = effect_recordings(trace.given, excluded={each["sha256"] for each in origins})
+    earlier = effect_recordings(trace.given, excluded=[event.source for event, _ in report.events])
     return {
         "made_by": "biodyn trace",
         "version": __version__,
@@ -134,7 +134,7 @@ def _origin(event: BagEvent, case: Case, trace: Trace) -> Document:
     return {
         "bag": event.bag,
         "case": case.case,
-        "sha256": event.sha256,
+        **event.source.to_dict(),
         "use": use_of(event, case, trace),
         "nrmse_rms_percent": mean_errors([found[0].after])["all"] if found else None,
     }

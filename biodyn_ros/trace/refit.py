@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from biodyn_core.body.parameters import PARAMETERS, is_fitted
 from biodyn_core.body.subject import Subject
 from biodyn_core.tracing.findings import Trace
 from biodyn_ros.base.wording import counted, number, parameter_name, with_interval
+from biodyn_ros.reading.provenance import Source, origins_of
 from biodyn_ros.trace.errors import mean_errors
 
 
@@ -125,17 +126,17 @@ def parameter_changes(trace: Trace) -> tuple[ParameterChange, ...]:
     )
 
 
-def refit_of(trace: Trace, hashes: Sequence[str]) -> Refit | None:
-    """The refit of a trace; None if nothing was fitted. hashes: of the recordings for fitting."""
+def refit_of(trace: Trace, sources: Collection[Source]) -> Refit | None:
+    """The refit of a trace; None if nothing was fitted. sources: the recordings for fitting."""
     if not trace.refitted:
         return None
-    recordings, given = set(hashes), _given_recordings(trace.given)
+    recordings, given = set(sources), {source for _, source in origins_of(trace.given, "fitted")}
     return Refit(
         changes=parameter_changes(trace),
         is_given_fitted=is_fitted(trace.given.parameters),
         recordings=len(recordings),
         given_recordings=len(given) or None,
-        shared_recordings=len(recordings & given),
+        shared_recordings=sum(any(one.overlaps(known) for known in given) for one in recordings),
         given_percent=_mean(trace, "given"),
         refitted_percent=_mean(trace, "before"),
     )
@@ -150,13 +151,6 @@ def given_intervals(subject: Subject) -> dict[str, tuple[float, float]]:
 
 def _is_interval(ends: object) -> bool:
     return isinstance(ends, list) and len(ends) == 2 and all(isinstance(end, int | float) for end in ends)
-
-
-def _given_recordings(subject: Subject) -> set[str]:
-    """The hashes of the recordings that a subject was fitted to, by its file."""
-    found = subject.provenance.get("fitted")
-    known = found if isinstance(found, list) else []
-    return {str(each["sha256"]) for each in known if isinstance(each, Mapping) and "sha256" in each}
 
 
 def _percent(before: float, after: float) -> float | None:

@@ -26,14 +26,13 @@ from biodyn_ros.base.json_files import write_json
 from biodyn_ros.base.progress import OnProgress, Progress, ignore_progress
 from biodyn_ros.fit.report import warnings_of
 from biodyn_ros.reading.events import EventOptions, Prepared, check_bags, read_events
+from biodyn_ros.reading.parts import Bag
 from biodyn_ros.reading.provenance import role_of
 from biodyn_ros.reading.recordings import RecordingOptions
 from biodyn_ros.trace.document import trace_document, traced_subject, use_of
 from biodyn_ros.trace.refit import refit_of
 from biodyn_ros.trace.report import Report
 from biodyn_ros.work.tasks import Monitor
-
-Bag = str | Path
 
 PAGE: Final = "trace.html"
 
@@ -46,7 +45,7 @@ class TraceOptions:
     """
 
     seed: int = 0
-    held_out: tuple[str, ...] = ()
+    held_out: tuple[Bag, ...] = ()
     cases: Mapping[str, str] = field(default_factory=dict)
     reading: RecordingOptions = field(default_factory=RecordingOptions)
     spectra: SpectrumSettings = field(default_factory=SpectrumSettings)
@@ -84,11 +83,11 @@ def trace_bags(
             fitted, spare, subject,
             settings=o.settings, seed=o.seed, on_stage=on_stage, checkpoint=kept, parallel=parallel,
         )  # fmt: skip
-    hashes = [event.sha256 for event, case in prepared if use_of(event, case, found) == "train"]
+    sources = [event.source for event, case in prepared if use_of(event, case, found) == "train"]
     return Report(
         trace=found,
         events=tuple(prepared),
-        refit=refit_of(found, hashes),
+        refit=refit_of(found, sources),
         dealt=None if o.held_out else _dealt(prepared),
         warnings=(*events.left_out, *warnings_of(prepared), *_seen_before(subject, prepared)),
         seconds=time.monotonic() - begin,
@@ -170,5 +169,5 @@ def _names(cases: Sequence[Case]) -> str:
 
 def _seen_before(subject: Subject, prepared: Sequence[Prepared]) -> list[str]:
     """A warning for each held-out bag that the given subject was fitted to."""
-    seen = [event.bag for event, _ in prepared if event.held_out and role_of(subject, event.sha256) == "fitted"]
+    seen = [event.bag for event, _ in prepared if event.held_out and role_of(subject, event.source) == "fitted"]
     return [f"{bag}: held out, but the subject that was given had been fitted to it" for bag in dict.fromkeys(seen)]

@@ -17,7 +17,8 @@ from biodyn_core.validation import validation
 from biodyn_ros.base.files import make_directory, remove
 from biodyn_ros.base.json_files import write_json
 from biodyn_ros.base.progress import OnProgress, ignore_progress
-from biodyn_ros.reading.provenance import Role, bag_sha256, role_of
+from biodyn_ros.reading.parts import Bag
+from biodyn_ros.reading.provenance import Role, role_of, source_of
 from biodyn_ros.reading.recordings import RecordingOptions, read_recordings
 from biodyn_ros.validate.document import validation_document
 from biodyn_ros.validate.report import Report
@@ -39,7 +40,7 @@ class ValidateOptions:
 
 
 def validate(
-    bag: str | Path,
+    bag: Bag,
     subject: Subject,
     options: ValidateOptions | None = None,
     progress: OnProgress = ignore_progress,
@@ -48,7 +49,7 @@ def validate(
     options = options or ValidateOptions()
     reading = replace(options.reading, channels=needs_channels(subject.effects))
     recordings = read_recordings(bag, options.case, reading, progress)
-    return validate_recordings(recordings, subject, options, str(bag), role_of(subject, bag_sha256(bag)))
+    return validate_recordings(recordings, subject, options, str(bag), role_of(subject, source_of(bag)))
 
 
 def write_validated(validated: Report, directory: Path, report: bool = True) -> None:

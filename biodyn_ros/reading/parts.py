@@ -1,0 +1,113 @@
+"""Parts of bags: `BAG@START..END` is a part of a bag, in seconds after the first sample of its seat."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from biodyn_core.base.errors import InputError
+from biodyn_ros.bag import LoggedImu, LogTimes
+
+_PART: Final = re.compile(r"(?P<path>.+)@(?P<begin>\d+(?:\.\d+)?)?\.\.(?P<end>\d+(?:\.\d+)?)?")
+
+SHORTEST_S: Final = 0.5
+"""The shortest part."""
+
+BESIDE_S: Final = 0.5
+"""The other sensors of a part are read for this time beyond the seat: alignment needs their neighbours."""
+
+LATE_S: Final = 10.0
+"""A recorder logs a sample at most so long after its stamp, clocks that drift included."""
+
+BEYOND_S: Final = 1.0
+"""A part may end so long after its bag, whose length is known by log times only."""
+
+
+@dataclass(frozen=True)
+class BagPart:
+    """A bag, or a part of it.
+
+    case: its loading condition, None for that of its name. rest_s: begin and end of the rest in the bag that gives
+    gravity, None to search for it. name: of the event in an events file, empty without one.
+    """
+
+    path: Path
+    begin_s: float = 0.0
+    end_s: float = math.inf
+    case: str | None = None
+    rest_s: tuple[float, float] | None = None
+    name: str = ""
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it is the whole bag."""
+        return self.begin_s == 0.0 and self.end_s == math.inf
+
+    def overlaps(self, other: BagPart) -> bool:
+        """Whether both, of the same bag, have time in common."""
+        return min(self.end_s, other.end_s) > max(self.begin_s, other.begin_s)
+
+    def __str__(self) -> str:
+        """The reference, as a user gives it."""
+        if self.is_whole:
+            return str(self.path)
+        end = "" if self.end_s == math.inf else f"{self.end_s:.12g}"
+        return f"{self.path}@{self.begin_s:.12g}..{end}"
+
+
+Bag = str | Path | BagPart
+"""A bag as functions take it: a path, a reference to a part, or a part."""
+
+
+def part_of(bag: Bag) -> BagPart:
+    """The part that a bag or a reference means; raises InputError for a part without length."""
+    if isinstance(bag, BagPart):
+        return bag
+    found = None if isinstance(bag, Path) or Path(bag).exists() else _PART.fullmatch(bag)
+    if found is None:
+        return BagPart(Path(bag))
+    begin_s, end_s = float(found["begin"] or 0.0), float(found["end"] or math.inf)
+    if not end_s - begin_s >= SHORTEST_S:
+        raise InputError(f"{bag}: BAG@START..END needs an end at least {SHORTEST_S:g} s after its start")
+    return BagPart(Path(found["path"]), begin_s, end_s)
+
+
+@dataclass(frozen=True)
+class Extent:
+    """The samples of a part: first and last stamp, ns, by topic; log times of chunks; length and share of the bag."""
+
+    stamps_ns: Mapping[str, tuple[int, int]]
+    within_ns: LogTimes
+    seconds: float
+    share: float
+
+    @classmethod
+    def of_part(
+        cls, part: BagPart, length_s: float, begins_ns: Mapping[str, int], beside_s: Mapping[str, float], log_ns: int
+    ) -> Extent:
+        """The extent of a part of a bag of this length.
+
+        begins_ns: the stamp at 0 s, by topic; beside_s: further time at both ends, by topic; log_ns: the log time at
+        0 s.
+        """
+        begin_s, end_s = part.begin_s, min(part.end_s, length_s + BEYOND_S)
+        stamps = {
+            topic: (at + round(1e9 * (begin_s - beside_s[topic])), at + round(1e9 * (end_s + beside_s[topic])))
+            for topic, at in begins_ns.items()
+        }
+        within = log_ns + round(1e9 * (begin_s - LATE_S)), log_ns + round(1e9 * (end_s + LATE_S))
+        return cls(stamps, within, end_s - begin_s, min(1.0, (end_s - begin_s) / max(length_s, 1e-9)))
+
+    def of(self, blocks: Iterable[tuple[str, LoggedImu]]) -> Iterator[tuple[str, LoggedImu]]:
+        """The samples of blocks with these stamps."""
+        for topic, block in blocks:
+            first_ns, last_ns = self.stamps_ns[topic]
+            inside = (block.stamps_ns >= first_ns) & (block.stamps_ns <= last_ns)
+            if inside.all():
+                yield topic, block
+            elif inside.any():
+                yield topic, block.only(inside)
