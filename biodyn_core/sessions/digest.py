@@ -18,6 +18,7 @@ from biodyn_core.conditioning.conditioner import Conditioner
 from biodyn_core.conditioning.tilt import Vector, rotation_to_vertical
 from biodyn_core.sessions.bins import Bins, Recut
 from biodyn_core.sessions.settings import SessionSettings
+from biodyn_core.signals.waterfall import Waterfall, WaterfallMeter
 from biodyn_core.signals.weighting import weighting_sections
 
 COARSE_S: Final = 0.5
@@ -123,10 +124,17 @@ class SeatDigest(SensorDigest):
         super().__init__(conditioner, epoch_ns, settings)
         self.fine = Bins(FINE_S, sums=3, maxima=1)
         self._filters: list[_Filter] | None = None
+        self._waterfall: WaterfallMeter | None = None
+
+    def waterfall(self) -> Waterfall | None:
+        """Power over time and frequency, by time since the first sample; None without samples."""
+        return self._waterfall.waterfall() if self._waterfall is not None and self._waterfall.stored else None
 
     def _end_run(self) -> None:
         super()._end_run()
         self._filters = None
+        if self._waterfall is not None:
+            self._waterfall.part()
 
     def _add(self, rows: Floats, rate_hz: float) -> None:
         super()._add(rows, rate_hz)
@@ -136,6 +144,9 @@ class SeatDigest(SensorDigest):
         low_passed, (high_passed, weighted) = rows[:, 4], self._filters
         squares = np.column_stack([low_passed, high_passed(low_passed), weighted(rows[:, 3])]) ** 2
         self.fine.add(rows[:, 0], squares, np.abs(low_passed)[:, None])
+        if self._waterfall is None:
+            self._waterfall = WaterfallMeter(rate_hz, channels=1)
+        self._waterfall.push(np.rint(1e9 * rows[:, 0]).astype(np.int64), low_passed[:, None])
 
 
 class _Filter:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -16,11 +15,11 @@ import numpy as np
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.base.wording import counted
-from biodyn_core.conditioning.conditioned import SensorStatus
 from biodyn_core.conditioning.conditioner import Conditioner, SettingsOf, settings_for
 from biodyn_core.conditioning.gravity import Gravity, angle_deg
 from biodyn_core.conditioning.tilt import LEAST_GRAVITY_MPS2, Vector
 from biodyn_core.recording.flags import stretches
+from biodyn_core.sessions.cases import named
 from biodyn_core.sessions.digest import (
     COARSE_S,
     FINE_S,
@@ -31,7 +30,8 @@ from biodyn_core.sessions.digest import (
     SeatDigest,
     SensorDigest,
 )
-from biodyn_core.sessions.finding import Found, Window, find, level_of, rms_of
+from biodyn_core.sessions.finding import Window, find, level_of, rms_of
+from biodyn_core.sessions.findings import Event, Fault, Findings, Rest, Shock, Timeline
 from biodyn_core.sessions.settings import SessionSettings
 
 STILL_MPS2: Final = 1.0
@@ -42,68 +42,6 @@ MISSING_SHARE: Final = 0.02
 
 STUCK_MPS2: Final = 1e-6
 """A sensor with less rms about its mean over half a second gives one constant reading."""
-
-
-@dataclass(frozen=True)
-class Rest:
-    """A rest of the seat, and the mean reading, (3,) m/s^2, of the sensors that rested too."""
-
-    begin_s: float
-    end_s: float
-    gravity_mps2: Mapping[str, Vector]
-
-
-@dataclass(frozen=True)
-class Event:
-    """A part of a session: times in seconds after the seat's first sample; case: its loading condition.
-
-    peak and level: vertical, low-passed, peak and rms; aw: Wk-weighted rms. rest: number of the rest whose gravity is
-    used, None without any. shocks_s: the largest peak of each group of shocks. quality: faults within it, a line each.
-    """
-
-    name: str
-    begin_s: float
-    end_s: float
-    case: str
-    peak_mps2: float
-    peak_s: float
-    level_mps2: float
-    aw_mps2: float
-    shocks_s: tuple[float, ...]
-    rest: int | None
-    quality: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Fault:
-    """A stretch in which a sensor gives no usable samples; kind: missing, clipped or stuck."""
-
-    sensor: str
-    kind: str
-    begin_s: float
-    end_s: float
-
-
-@dataclass(frozen=True, eq=False)
-class Timeline:
-    """The seat over time: rms and peak of the vertical acceleration, low-passed, (t,) by interval of width_s."""
-
-    width_s: float
-    rms_mps2: Floats
-    peak_mps2: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class Findings:
-    """The results of a session; seconds: length of the seat's record."""
-
-    seconds: float
-    rests: tuple[Rest, ...]
-    events: tuple[Event, ...]
-    faults: tuple[Fault, ...]
-    timeline: Timeline
-    statuses: Mapping[str, SensorStatus]
-    warnings: tuple[str, ...]
 
 
 class Session:
@@ -154,9 +92,10 @@ class Session:
         return Findings(
             seconds=seconds,
             rests=rests,
-            events=tuple(self._event(number, window, found, rests) for number, window in enumerate(found.windows)),
+            events=named([self._event(window, rests) for window in found.windows]),
             faults=faults,
             timeline=Timeline(fine.width_s, np.sqrt(fine.sums[:, LOW_PASSED] / count), fine.maxima[:, 0].copy()),
+            waterfall=self._seat.waterfall(),
             statuses={name: digest.status() for name, digest in self._digests.items()},
             warnings=(*self._warnings(), *_moved(rests, self.settings.moved_deg), *found.left_out),
         )
@@ -175,23 +114,20 @@ class Session:
         known = {name: mean for name, mean in readings.items() if mean and math.hypot(*mean) >= LEAST_GRAVITY_MPS2}
         return Rest(begin_s, end_s, known)
 
-    def _event(self, number: int, window: Window, found: Found, rests: Sequence[Rest]) -> Event:
+    def _event(self, window: Window, rests: Sequence[Rest]) -> Event:
         begin_s, end_s, fine, s = window.begin_s, window.end_s, self._seat.fine, self.settings
         here = fine.extent(begin_s, end_s)
         peaks = fine.maxima[here, 0]
-        kind = window.kind(s)
-        case = {"train": s.train_case, "shock": s.shock_case, "steady": s.steady_case}[kind]
-        earlier = sum(other.kind(s) == kind for other in found.windows[: number + 1])
         return Event(
-            name=f"{case}_{earlier:02d}",
+            name="",
             begin_s=begin_s,
             end_s=end_s,
-            case=case,
+            case={"train": s.train_case, "shock": s.shock_case, "steady": s.steady_case}[window.kind(s)],
             peak_mps2=float(peaks.max(initial=0.0)),
             peak_s=(here.start + int(peaks.argmax()) + 0.5) * FINE_S if peaks.size else begin_s,
             level_mps2=level_of(fine, begin_s, end_s),
             aw_mps2=rms_of(fine, WEIGHTED, begin_s, end_s),
-            shocks_s=tuple(group.peak_s for group in window.groups),
+            shocks=tuple(Shock(group.peak_s, group.peak_mps2) for group in window.groups),
             rest=_nearest(rests, begin_s, end_s),
             quality=tuple(self._quality(begin_s, end_s)),
         )
