@@ -16,7 +16,7 @@ from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.base.wording import counted
 from biodyn_core.conditioning.conditioner import Conditioner, SettingsOf, settings_for
-from biodyn_core.conditioning.gravity import Gravity, angle_deg
+from biodyn_core.conditioning.gravity import IDLING_MPS2, Gravity, angle_deg
 from biodyn_core.conditioning.tilt import LEAST_GRAVITY_MPS2, Vector
 from biodyn_core.recording.flags import stretches
 from biodyn_core.sessions.cases import named
@@ -33,9 +33,6 @@ from biodyn_core.sessions.digest import (
 from biodyn_core.sessions.finding import Window, find, level_of, rms_of
 from biodyn_core.sessions.findings import Event, Fault, Findings, Rest, Shock, Timeline
 from biodyn_core.sessions.settings import SessionSettings
-
-STILL_MPS2: Final = 1.0
-"""A sensor that moves by more in a rest of the seat, rms about its mean, shows no gravity there: a person moves."""
 
 MISSING_SHARE: Final = 0.02
 """Share of an event's samples whose loss is stated."""
@@ -109,7 +106,7 @@ class Session:
         readings = {
             name: digest.mean_reading(begin_s, end_s)
             for name, digest in self._digests.items()
-            if digest.rms_about_mean(begin_s, end_s) <= STILL_MPS2
+            if digest.rms_about_mean(begin_s, end_s) <= IDLING_MPS2
         }
         known = {name: mean for name, mean in readings.items() if mean and math.hypot(*mean) >= LEAST_GRAVITY_MPS2}
         return Rest(begin_s, end_s, known)

@@ -62,7 +62,12 @@ def contents(cases: Sequence[Case], settings: FloorSettings | None = None) -> Co
 def missing(cases: Sequence[Case], role: str, settings: FloorSettings | None = None) -> list[str]:
     """The missing data for a verdict, one line each; role is the use of the events, such as `to fit`."""
     s = settings or FloorSettings()
-    has = contents(cases, s)
+    return missing_from(contents(cases, s), role, s)
+
+
+def missing_from(has: Contents, role: str, settings: FloorSettings) -> list[str]:
+    """What these contents lack for a verdict, one line each."""
+    s = settings
     wanted = (
         (has.road_s, s.road_s, f"{has.road_s:.3g} s without shocks"),
         (has.shocks, s.shocks, f"{counted(has.shocks, 'shock')} of {s.shock_g:g} g and more"),

@@ -6,20 +6,54 @@ import argparse
 import dataclasses
 import json
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+from biodyn_core.base.errors import InputError
 from biodyn_core.base.settings import Range, described
 from biodyn_ros.commands.parsing import CommandParser
 
 if TYPE_CHECKING:
+    from biodyn_ros.reading.parts import Bag
     from biodyn_ros.reading.recordings import RecordingOptions
 
 T = TypeVar("T")
+
+AUTO: Final = "auto"
+"""In the place of held-out bags: they are drawn."""
 
 
 def add_bag(command: CommandParser) -> None:
     """Add the bag to read."""
     command.add_argument("bag", metavar="BAG", help="a .mcap or .db3 file, or the directory of a recording")
+
+
+def each_with_directory(given: str, output: Path | None) -> list[tuple[Bag, Path | None]]:
+    """The bag and its directory of results; of an events file every event, each with a directory of its name."""
+    from biodyn_ros.reading.given import bags_of
+    from biodyn_ros.reading.parts import part_of
+
+    bags = bags_of([given])
+    names = [part_of(bag).name or f"event_{number:02d}" for number, bag in enumerate(bags, 1)]
+    if not is_events(given):
+        return [(bag, output) for bag in bags]
+    return [(bag, output and output / name) for bag, name in zip(bags, names, strict=True)]
+
+
+def is_events(given: str) -> bool:
+    """Whether a bag on the command line is an events file."""
+    from biodyn_ros.reading.events_file import is_events_file
+
+    return is_events_file(given)
+
+
+def show_each(options: argparse.Namespace, results: Iterable[tuple[dict[str, Any], str]], several: bool) -> None:
+    """Print the result of a bag, or those of the events of a file."""
+    found = list(results)
+    if several:
+        show(options, {"events": [document for document, _ in found]}, "\n\n".join(text for _, text in found))
+    else:
+        show(options, *found[0])
 
 
 def add_subject(command: CommandParser) -> None:
@@ -60,10 +94,24 @@ def add_executor(command: CommandParser) -> None:
 
 def add_held_out(command: CommandParser, text: str) -> None:
     """Add the options for held-out bags and for loading conditions."""
-    command.add_argument("--hold-out", nargs="+", action="extend", default=[], metavar="BAG", help=text)
+    command.add_argument(
+        "--hold-out", nargs="+", action="extend", default=[], metavar="BAG",
+        help=f"{text}; auto: draw them by condition, level and time",
+    )  # fmt: skip
     command.add_argument(
         "--case", action="append", default=[], metavar="BAG=CASE", help="a bag's loading condition (default: its name)"
     )
+
+
+def held_out_of(options: argparse.Namespace) -> tuple[tuple[Bag, ...], bool]:
+    """The held-out bags, and whether they are to be drawn; raises InputError for both."""
+    from biodyn_ros.reading.given import bags_of
+
+    if AUTO not in options.hold_out:
+        return tuple(bags_of(options.hold_out)), False
+    if options.hold_out != [AUTO]:
+        raise InputError("--hold-out auto: draws from the bags that are given: name no further ones")
+    return (), True
 
 
 def add_reading(command: CommandParser) -> None:

@@ -18,6 +18,7 @@ from biodyn_ros.commands.arguments import (
     add_seed,
     all_settings,
     check_reports,
+    held_out_of,
     reading_of,
     show,
 )
@@ -86,6 +87,7 @@ def _subject(options: argparse.Namespace) -> None:
     from biodyn_ros.fit.document import fit_document
     from biodyn_ros.fit.fitting import check_output, fit_bags, page_beside, write_fitted
     from biodyn_ros.fit.text import text_of
+    from biodyn_ros.reading.given import bags_of
     from biodyn_ros.work.executors import executor_of
     from biodyn_ros.work.tasks import Work
 
@@ -100,7 +102,7 @@ def _subject(options: argparse.Namespace) -> None:
     try:
         with executor_of(options.executor) as executor:
             work = Work(executor, checkpoint, options.resume)
-            report = fit_bags(options.bag, subject, how, work)
+            report = fit_bags(bags_of(options.bag), subject, how, work)
     except KeyboardInterrupt:
         if checkpoint.exists():
             print(f"biodyn fit: {checkpoint} stores the finished part; --resume continues from it", file=sys.stderr)
@@ -147,11 +149,13 @@ def how_of(options: argparse.Namespace) -> FitOptions:
     from biodyn_core.identification.settings import PAPER, FitSettings
     from biodyn_ros.fit.fitting import FitOptions, parse_cases
 
+    held_out, auto_held_out = held_out_of(options)
     base = PAPER if options.paper else FitSettings()
     given = all_settings(options, _kinds(), {"fitting": base, "phase 1": base.swarm, "surrogate": base.surrogate})
     return FitOptions(
         seed=options.seed,
-        held_out=tuple(options.hold_out),
+        held_out=held_out,
+        auto_held_out=auto_held_out,
         cases=parse_cases(options.case),
         profiles=tuple(options.profile),
         reading=reading_of(options),

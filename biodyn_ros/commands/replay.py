@@ -6,7 +6,17 @@ import argparse
 from pathlib import Path
 
 from biodyn_ros.base.progress import Progress
-from biodyn_ros.commands.arguments import add_bag, add_map, add_settings, add_subject, add_time, settings_of, show
+from biodyn_ros.commands.arguments import (
+    add_bag,
+    add_map,
+    add_settings,
+    add_subject,
+    add_time,
+    each_with_directory,
+    is_events,
+    settings_of,
+    show_each,
+)
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
 
@@ -52,14 +62,18 @@ def _run(options: argparse.Namespace) -> None:
         project=options.project,
     )
     subject = load_subject(subject_file(options.subject))
-    with Progress("replaying") as progress:
-        replayed = replay_to_directory(
-            options.bag, subject, Path(options.output), how, progress=progress, report=not options.no_report,
-            predicted=not options.no_predicted,
-        )  # fmt: skip
     from biodyn_ros.replay.text import summary
 
-    show(options, replayed.document, summary(replayed.report))
+    results = []
+    for bag, directory in each_with_directory(options.bag, Path(options.output)):
+        assert directory is not None
+        with Progress("replaying") as progress:
+            replayed = replay_to_directory(
+                bag, subject, directory, how, progress=progress, report=not options.no_report,
+                predicted=not options.no_predicted,
+            )  # fmt: skip
+        results.append((replayed.document, summary(replayed.report)))
+    show_each(options, results, is_events(options.bag))
 
 
 COMMAND = Command(

@@ -13,7 +13,7 @@ from biodyn_ros.commands.parsing import CommandParser, Parser
 PURPOSE: Final = "Six IMUs on a seated person in a vehicle: predicted motion, exposure, a model."
 
 GROUPS: Final[dict[str, tuple[str, ...]]] = {
-    "data": ("import-blue-trident", "info", "check-sensors", "simulate", "demo"),
+    "data": ("import-blue-trident", "info", "check-sensors", "events", "simulate", "demo"),
     "online": ("live", "page", "play"),
     "offline": ("replay",),
     "model": ("fit", "compare", "validate"),

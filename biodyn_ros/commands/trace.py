@@ -17,6 +17,7 @@ from biodyn_ros.commands.arguments import (
     add_seed,
     all_settings,
     check_reports,
+    held_out_of,
     reading_of,
     show,
 )
@@ -71,6 +72,7 @@ def _run(options: argparse.Namespace) -> None:
     from biodyn_core.body.subject import load_subject
     from biodyn_ros.base.files import check_directory
     from biodyn_ros.base.resources import subject_file
+    from biodyn_ros.reading.given import bags_of
     from biodyn_ros.trace.document import trace_document
     from biodyn_ros.trace.text import text_of
     from biodyn_ros.trace.tracing import trace_bags, write_traced
@@ -86,7 +88,9 @@ def _run(options: argparse.Namespace) -> None:
     kept = PartStore(_kept_beside(directory), options.fresh)
     try:
         with executor_of(options.executor) as executor, parallel_map(executor) as parallel:
-            traced = trace_bags(options.bag, subject, how, kept, lambda line: print(line, file=sys.stderr), parallel)
+            traced = trace_bags(
+                bags_of(options.bag), subject, how, kept, lambda line: print(line, file=sys.stderr), parallel
+            )
     except KeyboardInterrupt:
         if kept:
             print(
@@ -110,13 +114,15 @@ def how_of(options: argparse.Namespace) -> TraceOptions:
     from biodyn_ros.fit.fitting import parse_cases
     from biodyn_ros.trace.tracing import TraceOptions
 
+    held_out, auto_held_out = held_out_of(options)
     given = all_settings(options, _kinds())
     nuisance = dataclasses.replace(
         given["nuisance model"], weights=given["weights"], typical=given["typical deviations"]
     )
     return TraceOptions(
         seed=options.seed,
-        held_out=tuple(options.hold_out),
+        held_out=held_out,
+        auto_held_out=auto_held_out,
         cases=parse_cases(options.case),
         reading=reading_of(options),
         spectra=given["spectra"],

@@ -12,9 +12,11 @@ from biodyn_ros.commands.arguments import (
     add_settings,
     add_subject,
     check_reports,
+    each_with_directory,
+    is_events,
     reading_of,
     settings_of,
-    show,
+    show_each,
 )
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
@@ -61,11 +63,14 @@ def _run(options: argparse.Namespace) -> None:
     if directory:
         check_directory(directory)
         check_reports(options)
-    with Progress("validating") as progress:
-        validated = validate(options.bag, subject, how, progress)
-    if directory:
-        write_validated(validated, directory, not options.no_report)
-    show(options, validation_document(validated), text_of(validated))
+    results = []
+    for bag, place in each_with_directory(options.bag, directory):
+        with Progress("validating") as progress:
+            validated = validate(bag, subject, how, progress)
+        if place:
+            write_validated(validated, place, not options.no_report)
+        results.append((validation_document(validated), text_of(validated)))
+    show_each(options, results, is_events(options.bag))
 
 
 COMMAND = Command(

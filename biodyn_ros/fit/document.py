@@ -49,6 +49,7 @@ def fit_document(report: Report) -> Document:
         "refiners": _refiners(report),
         "evaluations": found.evaluations,
         "penalties": dict(report.penalties),
+        "dealt": report.dealt,
         "seed": report.seed,
         "settings": _settings(found.settings),
         "warnings": list(report.warnings),

@@ -29,6 +29,7 @@ from biodyn_ros.base.files import check_directory, make_directory, write_text
 from biodyn_ros.base.json_files import write_json
 from biodyn_ros.fit.document import fit_document, fitted_subject
 from biodyn_ros.fit.report import FITS, FitEvent, Report, Use, reuse_warnings, warnings_of
+from biodyn_ros.reading.dealing import TO_FIT, dealt, dealt_line
 from biodyn_ros.reading.events import EventOptions, Prepared, check_bags, read_events
 from biodyn_ros.reading.parts import Bag
 from biodyn_ros.reading.recordings import RecordingOptions
@@ -39,12 +40,13 @@ from biodyn_ros.work.tasks import Work
 class FitOptions:
     """Options of reading, preparation and fitting.
 
-    held_out: bags that are only predicted; cases: loading conditions of bags, in place of those from their names;
-    profiles: parameters with a profile likelihood, or `all`.
+    held_out: bags that are only predicted; auto_held_out: they are drawn; cases: loading conditions of bags, in place
+    of those from their names; profiles: parameters with a profile likelihood, or `all`.
     """
 
     seed: int = 0
     held_out: tuple[Bag, ...] = ()
+    auto_held_out: bool = False
     cases: Mapping[str, str] = field(default_factory=dict)
     profiles: tuple[str, ...] = ()
     reading: RecordingOptions = field(default_factory=RecordingOptions)
@@ -68,7 +70,8 @@ def fit_bags(
     with work.monitor("reading") as progress:
         # A bag without comparable samples must fail before the work.
         events = read_events(bags, o.held_out, EventOptions(o.cases, reading, o.spectra, o.preparing), progress)
-    fitted, spare = choose(events.prepared)
+    prepared = dealt(events.prepared, TO_FIT, o.seed) if o.auto_held_out else list(events.prepared)
+    fitted, spare = choose(prepared)
     cases, held_out = [case for _, case in fitted], [case for _, case in spare]
     problem = fingerprint(cases, subject, o.seed, o.settings)
     found = identify(cases, subject, o.seed, o.settings, work.run(problem))
@@ -87,6 +90,7 @@ def fit_bags(
         better_mass_matrix=better,
         mass_matrix_percent=mass_matrix_percent,
         seed=o.seed,
+        dealt=dealt_line(prepared, o.seed) if o.auto_held_out else None,
         warnings=(*events.left_out, *warnings_of([*fitted, *spare]), *reuse_warnings(subject, spare)),
         seconds=time.monotonic() - begin,
     )

@@ -56,7 +56,8 @@ class Report:
 
     given: the subject before the fit; events: those fitted to, in the order of the identification's cases, then those
     only predicted. better_mass_matrix: the one that predicts better, None where neither does; mass_matrix_percent: the
-    mean error of both. not_profiled: parameters on a bound whose profile was requested.
+    mean error of both. not_profiled: parameters on a bound whose profile was requested. dealt: how held-out events were
+    drawn, None if they were named.
     """
 
     given: Subject
@@ -71,6 +72,7 @@ class Report:
     seed: int
     warnings: tuple[str, ...]
     seconds: float
+    dealt: str | None = None
 
     @property
     def joint(self) -> Fit:

@@ -94,6 +94,8 @@ def remarks(report: Report) -> Iterator[str]:
     if report.penalties:
         yield "penalties: " + ", ".join(f"{count} {cause}" for cause, count in report.penalties.items())
     yield from _residual_lines(report.residual_checks)
+    if report.dealt:
+        yield f"events: {report.dealt}"
     if not report.held_out:
         yield "nothing was held out: the prediction error on an unused event is not known (--hold-out, validate)"
 

@@ -119,8 +119,13 @@ def driving_point(document: Document) -> Any:
     return drawn(_WIDTH_IN, 8.2, fill)
 
 
-def waterfall(found: Waterfall, channels: Sequence[tuple[str, int]], origin_ns: int) -> Any:
-    """Power over time and frequency of channels (title, column), one panel each, with a common scale."""
+def waterfall(
+    found: Waterfall, channels: Sequence[tuple[str, int]], origin_ns: int, since: str = "the first predicted instant"
+) -> Any:
+    """Power over time and frequency of channels (title, column), one panel each, with a common scale.
+
+    since: the instant at origin_ns, for the axis.
+    """
     width_s = 1e-9 * found.width_ns
     numbers = (found.begins_ns - found.begins_ns[0]) // found.width_ns
     begin_s = 1e-9 * float(found.begins_ns[0] - origin_ns)
@@ -152,7 +157,7 @@ def waterfall(found: Waterfall, channels: Sequence[tuple[str, int]], origin_ns: 
             axes.patch.set(hatch="////", edgecolor=BAND_COLOUR)  # visible where nothing is drawn
             axes.grid(visible=False)
             every.append(axes)
-        every[-1].set_xlabel("seconds since the first predicted instant", color=SOFT_COLOUR)
+        every[-1].set_xlabel(f"seconds since {since}", color=SOFT_COLOUR)
         label = "power, dB re 1 (m/s²)²/Hz"
         figure.colorbar(drawing, ax=every, label=label, format="%.0f", ticks=levels, pad=0.01, aspect=30)
 

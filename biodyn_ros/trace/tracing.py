@@ -25,6 +25,7 @@ from biodyn_ros.base.files import make_directory, remove, write_text
 from biodyn_ros.base.json_files import write_json
 from biodyn_ros.base.progress import OnProgress, Progress, ignore_progress
 from biodyn_ros.fit.report import warnings_of
+from biodyn_ros.reading.dealing import TO_TRACE, dealt, dealt_line
 from biodyn_ros.reading.events import EventOptions, Prepared, check_bags, read_events
 from biodyn_ros.reading.parts import Bag
 from biodyn_ros.reading.provenance import role_of
@@ -41,11 +42,13 @@ PAGE: Final = "trace.html"
 class TraceOptions:
     """How bags are read, prepared and traced.
 
-    held_out: bags that are not fitted to; cases: the loading condition of a bag if its name does not give it.
+    held_out: bags that are not fitted to; auto_held_out: they are drawn; cases: the loading condition of a bag if its
+    name does not give it.
     """
 
     seed: int = 0
     held_out: tuple[Bag, ...] = ()
+    auto_held_out: bool = False
     cases: Mapping[str, str] = field(default_factory=dict)
     reading: RecordingOptions = field(default_factory=RecordingOptions)
     spectra: SpectrumSettings = field(default_factory=SpectrumSettings)
@@ -74,9 +77,9 @@ def trace_bags(
     reading = EventOptions(o.cases, dataclasses.replace(o.reading, channels=True), o.spectra, o.preparing)
     with Progress("reading") as progress:
         events = read_events(bags, o.held_out, reading, progress)
-    prepared = list(events.prepared) if o.held_out else deal(events.prepared)
+    prepared, how_dealt = _divided(events.prepared, o)
     fitted, spare = ([case for event, case in prepared if event.held_out is out] for out in (False, True))
-    for line in _uses(fitted, spare, by_name=bool(o.held_out)):
+    for line in _uses(fitted, spare, o):
         say(line)
     with stage_lines(Progress) as on_stage:
         found = trace(
@@ -88,10 +91,21 @@ def trace_bags(
         trace=found,
         events=tuple(prepared),
         refit=refit_of(found, sources),
-        dealt=None if o.held_out else _dealt(prepared),
+        dealt=how_dealt,
         warnings=(*events.left_out, *warnings_of(prepared), *_seen_before(subject, prepared)),
         seconds=time.monotonic() - begin,
     )
+
+
+def _divided(events: Sequence[Prepared], options: TraceOptions) -> tuple[list[Prepared], str | None]:
+    """The events for fitting and held-out ones, and how they were dealt, None if a user has named them."""
+    if options.held_out:
+        return list(events), None
+    if options.auto_held_out:
+        drawn = dealt(events, TO_TRACE, options.seed)
+        return drawn, dealt_line(drawn, options.seed)
+    by_turns = deal(events)
+    return by_turns, _dealt(by_turns)
 
 
 def deal(events: Sequence[Prepared]) -> list[Prepared]:
@@ -153,11 +167,12 @@ def _dealt(prepared: Sequence[Prepared]) -> str:
     )
 
 
-def _uses(train: Sequence[Case], held_out: Sequence[Case], by_name: bool) -> Iterator[str]:
+def _uses(train: Sequence[Case], held_out: Sequence[Case], options: TraceOptions) -> Iterator[str]:
     """The recordings of each use, a line each."""
     fitted, spare, _ = usable(train, held_out)
     choose, report = split_held_out(spare)
-    how = "by name" if by_name else "by default, every second bag of a condition"
+    how = "by name" if options.held_out else "by default, every second bag of a condition"
+    how = "drawn" if options.auto_held_out else how
     yield f"parameters are fitted to: {_names(fitted)}"
     yield f"held out ({how}), the effect is chosen by: {_names(choose)}"
     yield f"held out, errors are reported of: {_names(report)}"

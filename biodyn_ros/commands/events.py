@@ -1,0 +1,88 @@
+"""`biodyn events`: finds the events of recorded sessions."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from biodyn_core.base.errors import InputError
+from biodyn_ros.base.progress import Progress
+from biodyn_ros.commands.arguments import add_map, add_settings, add_time, check_reports, settings_of, show
+from biodyn_ros.commands.command import Command
+from biodyn_ros.commands.parsing import CommandParser
+
+
+def _add(command: CommandParser) -> None:
+    from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
+    from biodyn_core.sessions.settings import SessionSettings
+
+    command.add_argument("bag", nargs="+", metavar="SESSION", help="bags of one person")
+    add_map(command)
+    add_time(command)
+    command.add_argument(
+        "--vertical",
+        default="",
+        metavar="TEXT",
+        help="vertical in sensors' axes, such as 'seat=0,0,1' (default: from gravity)",
+    )
+    command.add_argument(
+        "--cases",
+        default="seat",
+        metavar="HOW",
+        help="loading conditions: by the seat's motion (seat), by the bag's marks (marks), or by a file with the"
+        " columns start,end,case (default seat)",
+    )
+    add_settings(command, "events", SessionSettings, ("shock_g", "steady_least_s"))
+    add_settings(command, "conditioning", ConditioningSettings)
+    command.add_argument("--no-report", action="store_true", help="do not write OUT.html")
+    command.add_argument(
+        "-o", "--output", required=True, metavar="OUT.yaml", help="the events file; OUT.html beside it"
+    )
+
+
+def _run(options: argparse.Namespace) -> None:
+    from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
+    from biodyn_core.sessions.settings import SessionSettings
+    from biodyn_ros.base.files import check_directory, make_directory, remove
+    from biodyn_ros.events.finding import SessionOptions, find_sessions
+    from biodyn_ros.events.text import text_of
+    from biodyn_ros.reading.events_file import events_document, is_events_file, write_events
+    from biodyn_ros.reading.mapping import parse_map
+
+    output = Path(options.output)
+    if not is_events_file(output):
+        raise InputError(f"{output}: an events file ends in .yaml")
+    check_directory(output.parent)
+    check_reports(options)
+    how = SessionOptions(
+        mapping=parse_map(options.map),
+        time=options.time,
+        conditioning=settings_of(options, ConditioningSettings),
+        vertical=options.vertical,
+        session=settings_of(options, SessionSettings),
+        cases=options.cases,
+    )
+    with Progress("reading") as progress:
+        sessions = find_sessions(options.bag, how, progress)
+    make_directory(output.parent)
+    write_events(sessions, output)
+    page = output.with_suffix(".html")
+    if options.no_report:
+        remove(page)
+    else:
+        from biodyn_ros.events.page import events_page  # needs the extra `reports`
+        from biodyn_ros.reports.pages import write_drawn
+
+        write_drawn(page, lambda: events_page(sessions))
+    show(options, events_document(sessions, output.parent), text_of(sessions))
+
+
+COMMAND = Command(
+    line="finds the events of recorded sessions",
+    examples=(
+        "biodyn events drive.mcap -o drive.events.yaml",
+        "biodyn events monday.mcap tuesday.mcap -o anna.events.yaml --cases conditions.csv",
+    ),
+    add=_add,
+    run=_run,
+)

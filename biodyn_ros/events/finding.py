@@ -1,0 +1,147 @@
+"""Find the events of a session: read its bag once, and name the loading conditions as requested."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.suggestions import did_you_mean_file
+from biodyn_core.conditioning.gravity import of_session
+from biodyn_core.conditioning.tilt import Vector
+from biodyn_core.pipeline.pipeline_settings import PipelineSettings
+from biodyn_core.sessions.cases import CaseSpan, named, with_cases
+from biodyn_core.sessions.findings import Findings
+from biodyn_core.sessions.session import Session
+from biodyn_core.sessions.settings import SessionSettings
+from biodyn_ros.base.progress import OnProgress, ignore_progress
+from biodyn_ros.reading.events_file import FoundSession
+from biodyn_ros.reading.gravity import gravity_of
+from biodyn_ros.reading.marks import Mark
+from biodyn_ros.reading.provenance import bag_sha256
+from biodyn_ros.reading.sensors import ReadingOptions, check_seat, open_sensors
+
+BY_SEAT: Final = "seat"
+BY_MARKS: Final = "marks"
+
+COLUMNS: Final = ("start", "end", "case")
+
+END_MARK: Final = "end"
+"""A mark of this name ends a loading condition; so does the next mark."""
+
+
+@dataclass(frozen=True)
+class SessionOptions(ReadingOptions):
+    """Options for reading a session and finding its events.
+
+    cases: `seat` to name loading conditions by what the seat did, `marks` by the marks of the bag, or a table's path.
+    """
+
+    vertical: str = ""
+    session: SessionSettings = field(default_factory=SessionSettings)
+    cases: str = BY_SEAT
+
+    def verticals(self) -> dict[str, Vector]:
+        """The given verticals by sensor; raises InputError for an invalid one."""
+        return PipelineSettings(vertical=self.vertical).verticals()
+
+
+def find_events(
+    bag: str | Path, options: SessionOptions | None = None, progress: OnProgress = ignore_progress
+) -> FoundSession:
+    """Find the events of a session; raises InputError for a bag without a usable seat, or without events."""
+    o = options or SessionOptions()
+    spans = [] if o.cases in (BY_SEAT, BY_MARKS) else read_spans(Path(o.cases))
+    verticals = o.verticals()
+    with open_sensors(bag, o) as sensors:
+        epoch_ns, _ = sensors.first_of_seat()
+        # As of a part, so that conditioning begins with the first sample, and not after a rest.
+        gravity = {sensor: of_session(found) for sensor, found in gravity_of(sensors, verticals).items()}
+        session = Session(epoch_ns, sensors.conditioning, o.session, verticals, gravity)
+        try:
+            for sensor, block in sensors.blocks(progress):
+                session.push(sensor, block.stamps_ns, block.accel_mps2)
+        except InputError as error:
+            raise InputError(f"{bag}: {error}") from None
+        findings, warnings, marks = session.finish(), sensors.bag_warnings(), sensors.marks()
+        present = sensors.times
+    check_seat(findings.statuses["seat"], str(bag))
+    if not findings.events:
+        raise InputError(f"{bag}: {_why_none(findings, o.session)}")
+    if o.cases == BY_MARKS:
+        spans = spans_of(marks, findings.seconds, bag)
+    warnings = [*warnings, *sensors.clock_warnings(findings.seconds)]
+    shown = tuple(line for line in findings.warnings if line.partition(":")[0] in present or ":" not in line)
+    absent = tuple(f"{name}: not in the bag" for name in findings.statuses if name not in present)
+    findings = replace(findings, events=with_cases(findings.events, spans), warnings=(*absent, *shown))
+    return FoundSession(Path(bag), bag_sha256(bag), findings, tuple(warnings))
+
+
+def find_sessions(bags: Sequence[str | Path], options: SessionOptions, progress: OnProgress) -> list[FoundSession]:
+    """Find the events of sessions, with a name of its own for each event; raises InputError for a bag given twice."""
+    found: list[FoundSession] = []
+    for number, bag in enumerate(bags):
+        one = find_events(bag, options, lambda done, total, at=number: progress(at * total + done, len(bags) * total))
+        if same := next((other.bag for other in found if other.sha256 == one.sha256), None):
+            raise InputError(f"{bag}: the same recording as {same}; give it once")
+        found.append(one)
+    names = iter(named([event for one in found for event in one.findings.events]))
+    return [
+        replace(one, findings=replace(one.findings, events=tuple(next(names) for _ in one.findings.events)))
+        for one in found
+    ]
+
+
+def spans_of(marks: Sequence[Mark], seconds: float, bag: str | Path = "") -> list[CaseSpan]:
+    """The loading condition from each mark to the next one; raises InputError without any mark."""
+    if not marks:
+        raise InputError(f"{bag}: has no marks: name conditions by the seat, or with a table (--cases FILE)")
+    ends_s = [*(mark.time_s for mark in marks[1:]), seconds]
+    return [
+        CaseSpan(mark.time_s, end_s, _case_name(mark.name))
+        for mark, end_s in zip(marks, ends_s, strict=True)
+        if _case_name(mark.name) != END_MARK
+    ]
+
+
+def read_spans(path: Path) -> list[CaseSpan]:
+    """The loading conditions of a table with the columns start, end and case, seconds; raises InputError naming it."""
+    try:
+        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines(), skipinitialspace=True))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as a table ({error}){did_you_mean_file(path)}") from None
+    return [_span(row, f"{path}: line {number}") for number, row in enumerate(rows, 2)]
+
+
+def _span(row: Mapping[str | None, str | None], where: str) -> CaseSpan:
+    start, end, case = (row.get(name) for name in COLUMNS)
+    if start is None or end is None or not case:
+        raise InputError(f"{where}: the columns {', '.join(COLUMNS)} are needed, separated by commas")
+    try:
+        begin_s, end_s = float(start), float(end)
+    except ValueError:
+        raise InputError(f"{where}: start and end are seconds, not {start!r} and {end!r}") from None
+    if not begin_s < end_s:
+        raise InputError(f"{where}: the end, {end_s:g} s, is not after the start, {begin_s:g} s")
+    return CaseSpan(begin_s, end_s, _case_name(case))
+
+
+def _case_name(text: str) -> str:
+    """A name as a loading condition: lower case, words joined by underscores."""
+    return re.sub(r"[^\w]+", "_", text.strip().lower()).strip("_")
+
+
+def _why_none(findings: Findings, settings: SessionSettings) -> str:
+    """Why a session has no events, and the remedy, in one line."""
+    rested_s = float(np.sum([rest.end_s - rest.begin_s for rest in findings.rests]))
+    return (
+        f"no event in {findings.seconds:.1f} s, {rested_s:.1f} s of them at rest: an event is a shock of"
+        f" {settings.shock_g:g} g, or {settings.steady_least_s:g} s of motion with {settings.steady_level_mps2:g} m/s^2"
+        " rms: record longer, or change these settings (biodyn events --help-all)"
+    )

@@ -1,0 +1,193 @@
+"""The events file: events of sessions by bag and time, written by `biodyn events` and edited by people.
+
+A bag is referenced by its path from the file's folder, and by its content; it is never copied.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.suggestions import known_are
+from biodyn_core.base.yaml_files import mapping_of, read_yaml, text_of
+from biodyn_core.sessions.findings import Event, Findings
+from biodyn_ros import __version__
+from biodyn_ros.base.files import write_text
+from biodyn_ros.reading.parts import BEYOND_S, BagPart
+from biodyn_ros.reading.provenance import bag_sha256
+
+SCHEMA: Final = 1
+MADE_BY: Final = "biodyn events"
+
+TIME_DIGITS: Final = 2
+"""Times are written to a hundredth of a second: events are cut between shocks, not within."""
+
+_EVENT: Final = ("bag", "start_s", "end_s", "case")
+_EVENT_MORE: Final = ("name", "peak_mps2", "level_mps2", "aw_mps2", "shocks", "rest_s", "quality")
+_SESSION: Final = ("bag", "sha256", "seconds")
+_SESSION_MORE: Final = ("rests_s", "faults", "warnings")
+
+
+@dataclass(frozen=True, eq=False)
+class FoundSession:
+    """A session: its bag, the SHA-256 of it, and what was found; warnings: about the bag and its clocks."""
+
+    bag: Path
+    sha256: str
+    findings: Findings
+    warnings: tuple[str, ...]
+
+    @property
+    def all_warnings(self) -> tuple[str, ...]:
+        """The warnings about the bag and about its sensors."""
+        return (*self.warnings, *self.findings.warnings)
+
+
+def is_events_file(path: str | Path) -> bool:
+    """Whether a path is that of an events file, by its ending."""
+    return Path(path).suffix in (".yaml", ".yml")
+
+
+def events_document(sessions: Sequence[FoundSession], folder: Path) -> dict[str, Any]:
+    """The content of an events file in a folder."""
+    return {
+        "schema": SCHEMA,
+        "made_by": MADE_BY,
+        "version": __version__,
+        "sessions": [_session(one, folder) for one in sessions],
+        "events": [_event(event, one, folder) for one in sessions for event in one.findings.events],
+    }
+
+
+def write_events(sessions: Sequence[FoundSession], path: Path) -> None:
+    """Write an events file."""
+    document = events_document(sessions, path.parent)
+    write_text(path, yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True))
+
+
+def load_events(path: str | Path) -> list[BagPart]:
+    """The events of a file as parts of bags; raises InputError for an invalid file, or a bag that is not as it was."""
+    path = Path(path)
+    whole = mapping_of(read_yaml(path), str(path), ("schema", "sessions", "events"), ("made_by", "version"))
+    if whole["schema"] != SCHEMA:
+        raise InputError(f"{path}: schema is {whole['schema']!r}, this version reads {SCHEMA}: run biodyn events again")
+    seconds = dict(_known_bag(each, path) for each in _list(whole["sessions"], f"{path}: sessions"))
+    parts = [
+        _part(each, f"{path}: event {number}", path, seconds)
+        for number, each in enumerate(_list(whole["events"], f"{path}: events"), 1)
+    ]
+    if not parts:
+        raise InputError(f"{path}: has no events")
+    _check_apart(parts, path)
+    return parts
+
+
+def _session(one: FoundSession, folder: Path) -> dict[str, Any]:
+    found = one.findings
+    return {
+        "bag": _relative(one.bag, folder),
+        "sha256": one.sha256,
+        "seconds": _time(found.seconds),
+        "rests_s": [[_time(rest.begin_s), _time(rest.end_s)] for rest in found.rests],
+        "faults": [
+            f"{fault.sensor}: {fault.kind} from {fault.begin_s:.1f} to {fault.end_s:.1f} s" for fault in found.faults
+        ],
+        "warnings": list(one.all_warnings),
+    }
+
+
+def _event(event: Event, one: FoundSession, folder: Path) -> dict[str, Any]:
+    rest = None if event.rest is None else one.findings.rests[event.rest]
+    return {
+        "name": event.name,
+        "bag": _relative(one.bag, folder),
+        "start_s": _time(event.begin_s),
+        "end_s": _time(event.end_s),
+        "case": event.case,
+        "peak_mps2": round(event.peak_mps2, 2),
+        "level_mps2": round(event.level_mps2, 3),
+        "aw_mps2": round(event.aw_mps2, 3),
+        "shocks": [[_time(shock.time_s), round(shock.peak_mps2, 2)] for shock in event.shocks],
+        "rest_s": None if rest is None else [_time(rest.begin_s), _time(rest.end_s)],
+        "quality": list(event.quality),
+    }
+
+
+def _time(seconds: float) -> float:
+    return round(seconds, TIME_DIGITS)
+
+
+def _relative(bag: Path, folder: Path) -> str:
+    return os.path.relpath(bag.resolve(), folder.resolve())
+
+
+def _known_bag(session: object, path: Path) -> tuple[str, float]:
+    """The name of a session's bag and its length; raises InputError for a bag that was moved or has changed."""
+    known = mapping_of(session, f"{path}: session", _SESSION, _SESSION_MORE)
+    name = text_of(known["bag"], f"{path}: bag")
+    bag = path.parent / name
+    if not bag.exists():
+        raise InputError(f"{path}: {name}: no such bag: if it was moved, correct its path in the file")
+    if bag_sha256(bag) != known["sha256"]:
+        raise InputError(f"{path}: {name} has changed since its events were found: run biodyn events again")
+    return name, _number(known["seconds"], f"{path}: seconds of {name}")
+
+
+def _part(event: object, where: str, path: Path, seconds: dict[str, float]) -> BagPart:
+    given = mapping_of(event, where, _EVENT, _EVENT_MORE)
+    name = text_of(given["name"], f"{where}: name") if "name" in given else ""
+    where = f"{path}: event {name}" if name else where
+    bag = text_of(given["bag"], f"{where}: bag")
+    if bag not in seconds:
+        raise InputError(f"{where}: bag {bag!r} is not among the sessions, {known_are(bag, list(seconds))}")
+    begin_s, end_s = _interval([given["start_s"], given["end_s"]], f"{where}: start_s and end_s", seconds[bag])
+    rest_s = None if given.get("rest_s") is None else _interval(given["rest_s"], f"{where}: rest_s", seconds[bag])
+    return BagPart(path.parent / bag, begin_s, end_s, text_of(given["case"], f"{where}: case"), rest_s, name)
+
+
+def _interval(ends: object, where: str, seconds: float) -> tuple[float, float]:
+    if not isinstance(ends, list) or len(ends) != 2:
+        raise InputError(f"{where}: expected two times")
+    begin_s, end_s = (_number(each, where) for each in ends)
+    if not 0.0 <= begin_s < end_s <= seconds + BEYOND_S:
+        raise InputError(f"{where}: {begin_s:g} to {end_s:g} s is not within the bag, which has {seconds:g} s")
+    return begin_s, end_s
+
+
+def _number(value: object, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(f"{where}: {value!r} is no number")
+    return float(value)
+
+
+def _list(value: object, where: str) -> list[object]:
+    if not isinstance(value, list):
+        raise InputError(f"{where}: expected a list")
+    return value
+
+
+def _check_apart(parts: Sequence[BagPart], path: Path) -> None:
+    """Raise InputError for two events of one name, or with time in common."""
+    names: set[str] = set()
+    for part in parts:
+        if part.name and part.name in names:
+            raise InputError(f"{path}: two events have the name {part.name}: names are unique")
+        names.add(part.name)
+    ordered = sorted(parts, key=lambda part: (str(part.path), part.begin_s))
+    for one, other in pairwise(ordered):
+        if one.path == other.path and one.overlaps(other):
+            raise InputError(
+                f"{path}: events {_label(one)} and {_label(other)} overlap: end the first by {other.begin_s:g} s"
+            )
+
+
+def _label(part: BagPart) -> str:
+    return part.name or str(part)

@@ -1,0 +1,297 @@
+"""Events of sessions: planted shocks are found in another simulation's drives, and rules hold on made seats."""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from world import sensors
+from world.seats import RATE_HZ
+from world.session import LEAST_G, Planted, SessionMotion, session
+
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SENSORS, STANDARD_GRAVITY_MPS2
+from biodyn_core.conditioning.gravity import Gravity
+from biodyn_core.sessions.bins import PIECE, Bins, Recut
+from biodyn_core.sessions.cases import CaseSpan, with_cases
+from biodyn_core.sessions.findings import Findings
+from biodyn_core.sessions.session import Session
+from biodyn_core.sessions.settings import SessionSettings
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+SEAT_HZ = 1129.3
+START_NS = 1_700_000_000 * 10**9
+G = STANDARD_GRAVITY_MPS2
+UP = Gravity((0.0, 0.0, G), "session")
+LEVEL = dict.fromkeys(SENSORS, UP)
+PEAK_S = 0.1
+"""Error of the time of a shock that is allowed."""
+
+
+def drive(minutes: float, seed: int) -> tuple[SessionMotion, Integers, Floats]:
+    """A drive of the other simulation, and its seat's stream."""
+    rng = np.random.default_rng(seed)
+    motion = session(minutes, rng)
+    stamps, samples = sensors.drawn(rng).stream(motion.accel_mps2, RATE_HZ, rng)
+    return motion, stamps, samples
+
+
+def found_in(
+    streams: dict[str, tuple[Integers, Floats]],
+    settings: SessionSettings | None = None,
+    gravity: dict[str, Gravity] | None = LEVEL,
+) -> Findings:
+    """The findings of streams; gravity: None to search for it at the start."""
+    of = Session(int(streams["seat"][0][0]), settings=settings, gravity=gravity)
+    for name, (stamps, samples) in streams.items():
+        of.push(name, stamps, samples)
+    return of.finish()
+
+
+def made(seconds: float, up_mps2: Floats | None = None, seed: int = 0) -> tuple[Integers, Floats]:
+    """A stream of a level sensor: motion (n,) upwards on top of gravity, or rest."""
+    count = round(seconds * SEAT_HZ)
+    rng = np.random.default_rng(seed)
+    samples = np.zeros((count, 3)) + [0.0, 0.0, G] + 0.02 * rng.standard_normal((count, 3))
+    if up_mps2 is not None:
+        samples[:, 2] += up_mps2
+    return START_NS + np.rint(np.arange(count) * 1e9 / SEAT_HZ).astype(np.int64), samples
+
+
+def from_shock(at_s: float, one: Planted) -> float:
+    """The time from a planted shock; 0 between the strikes of a train, two of which may be equally large."""
+    begin_s, end_s = (one.begin_s, one.end_s) if one.kind == "rail" else (one.peak_s, one.peak_s)
+    return max(begin_s - at_s, at_s - end_s, 0.0)
+
+
+def shaken(seconds: float, rms_mps2: float, begin_s: float = 5.0, seed: int = 1) -> Floats:
+    """A rest of begin_s, then white noise between 1 and 20 Hz."""
+    count = round(seconds * SEAT_HZ)
+    rng = np.random.default_rng(seed)
+    frequency = np.fft.rfftfreq(count, 1.0 / SEAT_HZ)
+    spectrum = rng.standard_normal(frequency.size) + 1j * rng.standard_normal(frequency.size)
+    noise = np.fft.irfft(np.where((frequency > 1.0) & (frequency < 20.0), spectrum, 0.0), count)
+    noise *= rms_mps2 / noise.std()
+    noise[: round(begin_s * SEAT_HZ)] = 0.0
+    return noise
+
+
+def with_shocks(up_mps2: Floats, at_s: list[float], peak_g: float = 1.5) -> Floats:
+    """Half-sines of 60 ms added."""
+    moved = up_mps2.copy()
+    length = round(0.06 * SEAT_HZ)
+    for each in at_s:
+        begin = round((each - 0.03) * SEAT_HZ)
+        moved[begin : begin + length] += peak_g * G * np.sin(np.pi * np.arange(length) / length)
+    return moved
+
+
+@pytest.mark.parametrize("seed", [21, 22])
+def test_planted_shocks_are_found_and_named(seed: int) -> None:
+    motion, stamps, samples = drive(6.0, seed)
+    found = found_in({"seat": (stamps, samples)}, gravity=None)
+    times = np.array([shock.time_s for event in found.events for shock in event.shocks])
+    planted = [one.peak_s for one in motion.shocks]
+    # Shocks of one group have the time of the largest alone.
+    near = np.diff(planted) < 2.2
+    single = ~(np.append(False, near) | np.append(near, False))
+    assert single.sum() > 10
+    assert all(min(from_shock(at, one) for at in times) <= PEAK_S for one in np.array(motion.shocks)[single])
+    assert all(min(from_shock(at, one) for one in motion.shocks) <= PEAK_S for at in times)
+    right = []
+    for event in found.events:
+        at = event.peak_s if event.shocks else 0.5 * (event.begin_s + event.end_s)
+        inside = {one.kind for one in motion.planted if one.begin_s - 0.3 <= at <= one.end_s + 0.3}
+        right.append(event.case in inside)
+    assert np.mean(right) >= 0.9
+    still = [one for one in motion.planted if one.kind == "standstill"]
+    assert len(found.rests) == len(still)
+    for rest, one in zip(found.rests, still, strict=True):
+        assert abs(rest.begin_s - one.begin_s) <= 1.5 and abs(rest.end_s - one.end_s) <= 1.5
+
+
+def test_a_shock_below_the_least_peak_is_no_event() -> None:
+    motion, stamps, samples = drive(5.0, 23)
+    weak = [one.peak_s for one in motion.planted if 0.0 < one.peak_g < LEAST_G - 0.05]
+    found = found_in({"seat": (stamps, samples)})
+    assert weak
+    assert not [
+        event for event in found.events for shock in event.shocks if min(abs(shock.time_s - at) for at in weak) < 0.1
+    ]
+
+
+@given(st.lists(st.integers(1, 30_000), min_size=1, max_size=6))
+def test_cuts_change_no_number(cuts: list[int]) -> None:
+    up = with_shocks(shaken(40.0, 0.8), [20.0, 30.0])
+    stamps, samples = made(40.0, up)
+    whole = found_in({"seat": (stamps, samples)})
+    of = Session(int(stamps[0]), gravity=LEVEL)
+    edges = sorted({0, *(cut for cut in cuts if cut < len(stamps)), len(stamps)})
+    for begin, end in pairwise(edges):
+        of.push("seat", stamps[begin:end], samples[begin:end])
+    parts = of.finish()
+    assert parts.events == whole.events and parts.rests == whole.rests
+    assert np.array_equal(parts.timeline.peak_mps2, whole.timeline.peak_mps2)
+
+
+def test_an_event_has_its_warm_up_and_a_near_shock_joins_it() -> None:
+    up = with_shocks(shaken(60.0, 0.5), [15.0, 20.0, 21.8, 40.0])
+    found = found_in({"seat": made(60.0, up)})
+    shocks = [[round(shock.time_s, 1) for shock in event.shocks] for event in found.events if event.shocks]
+    assert shocks == [[15.0], [20.0, 21.8], [40.0]]
+    for event in found.events:
+        if event.shocks:
+            assert event.shocks[0].time_s - event.begin_s >= 2.0
+    edges = [(event.begin_s, event.end_s) for event in found.events]
+    assert all(one[1] <= other[0] for one, other in pairwise(edges))
+    assert {event.case for event in found.events if not event.shocks} == {"road"}
+
+
+def test_a_shock_without_a_warm_up_is_left_out_with_its_reason() -> None:
+    found = found_in({"seat": made(30.0, with_shocks(shaken(30.0, 0.5, begin_s=0.5), [1.5]))})
+    assert not [event for event in found.events if event.shocks]
+    assert any("warm-up" in line for line in found.warnings)
+
+
+def test_strikes_that_follow_each_other_are_a_train() -> None:
+    up = with_shocks(shaken(40.0, 0.4), [20.0, 20.3, 20.6, 20.9])
+    (event,) = [event for event in found_in({"seat": made(40.0, up)}).events if event.shocks]
+    assert event.case == "rail"
+    renamed = found_in({"seat": made(40.0, up)}, SessionSettings(train_case="joint"))
+    assert "joint_01" in [event.name for event in renamed.events]
+
+
+def test_the_facts_of_an_event_are_those_of_its_samples() -> None:
+    """A sine of 8 Hz has a weighted rms of Wk's gain there, 1.036 (ISO 2631-1, Table 3), times its rms."""
+    count = round(40.0 * SEAT_HZ)
+    sine = np.sqrt(2.0) * np.sin(2.0 * np.pi * 8.0 * np.arange(count) / SEAT_HZ)
+    sine[: round(5.0 * SEAT_HZ)] = 0.0
+    found = found_in({"seat": made(40.0, sine)})
+    (event,) = found.events[-1:]
+    assert event.level_mps2 == pytest.approx(1.0, rel=0.01) and event.peak_mps2 == pytest.approx(np.sqrt(2.0), rel=0.06)
+    assert event.aw_mps2 == pytest.approx(1.036, rel=0.01)
+
+
+def test_an_engine_that_idles_is_no_drive() -> None:
+    count = round(60.0 * SEAT_HZ)
+    shake = 0.6 * np.sin(2.0 * np.pi * 28.0 * np.arange(count) / SEAT_HZ)
+    found = found_in({"seat": made(60.0, shake)}, SessionSettings(rest_level_mps2=0.1))
+    assert found.events == ()
+    driven = found_in({"seat": made(60.0, shake)}, SessionSettings(rest_level_mps2=0.1, idle_level_mps2=0.1))
+    assert driven.events
+
+
+def test_a_rest_gives_the_gravity_of_the_sensors_that_rest() -> None:
+    """The head moves in the first rest, and is mounted otherwise in the last."""
+    up = shaken(60.0, 0.8)
+    up[round(50.0 * SEAT_HZ) :] = 0.0
+    stamps, head = made(60.0, up, seed=2)
+    nodding = round(4.0 * SEAT_HZ)
+    head[:nodding, 0] += 2.0 * np.sin(2.0 * np.pi * np.arange(nodding) / SEAT_HZ)
+    neck = made(60.0, up, seed=3)[1]
+    after = round(50.0 * SEAT_HZ)
+    turn = np.deg2rad(12.0)
+    neck[after:] = neck[after:] @ np.array(
+        [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
+    )
+    found = found_in({"seat": made(60.0, up), "head": (stamps, head), "neck": (stamps, neck)})
+    first, last = found.rests
+    assert "head" not in first.gravity_mps2 and set(last.gravity_mps2) == {"seat", "head", "neck"}
+    assert first.gravity_mps2["seat"] == pytest.approx((0.0, 0.0, G), abs=0.01)
+    assert last.gravity_mps2["neck"] == pytest.approx((-G * np.sin(turn), 0.0, G * np.cos(turn)), abs=0.02)
+    assert any(line.startswith("neck: turned by 12 deg") for line in found.warnings)
+    assert [event.rest for event in found.events] == [0, 1]
+
+
+def test_faults_of_sensors_are_stretches_and_in_the_quality_of_events() -> None:
+    up = shaken(60.0, 0.8)
+    stamps, samples = made(60.0, up)
+    gone = (np.arange(len(stamps)) < round(20.0 * SEAT_HZ)) | (np.arange(len(stamps)) > round(21.0 * SEAT_HZ))
+    clipped = made(60.0, up, seed=4)[1]
+    clipped[round(30.0 * SEAT_HZ) : round(30.0 * SEAT_HZ) + 3, 2] = 160.0
+    held = made(60.0, up, seed=5)[1]
+    held[round(40.0 * SEAT_HZ) : round(43.0 * SEAT_HZ)] = [0.0, 0.0, G]
+    found = found_in(
+        {
+            "seat": (stamps, samples),
+            "head": (stamps[gone], samples[gone]),
+            "neck": (stamps, clipped),
+            "pelvis": (stamps, held),
+        }
+    )
+    of = {(fault.sensor, fault.kind): (fault.begin_s, fault.end_s) for fault in found.faults}
+    assert of["head", "missing"] == pytest.approx((20.0, 21.0), abs=0.6)
+    assert of["neck", "clipped"] == pytest.approx((30.0, 30.5), abs=0.6)
+    assert of["pelvis", "stuck"][0] == pytest.approx(40.5, abs=1.0)
+    lines = [line for event in found.events for line in event.quality]
+    assert {line.partition(":")[0] for line in lines} == {"head", "neck", "pelvis"}
+    assert "neck: 3 samples clipped" in lines
+
+
+def test_a_seat_gap_ends_an_event() -> None:
+    up = shaken(60.0, 0.8)
+    stamps, samples = made(60.0, up)
+    there = (np.arange(len(stamps)) < round(30.0 * SEAT_HZ)) | (np.arange(len(stamps)) > round(32.0 * SEAT_HZ))
+    found = found_in({"seat": (stamps[there], samples[there])})
+    assert not [event for event in found.events if event.begin_s < 30.5 and event.end_s > 31.5]
+    assert found.events[-1].begin_s == pytest.approx(32.0, abs=0.2)
+
+
+def test_a_clock_that_is_set_back_is_refused() -> None:
+    stamps, samples = made(40.0, shaken(40.0, 0.8))
+    back = stamps.copy()
+    back[round(20.0 * SEAT_HZ) :] -= 10 * 10**9
+    with pytest.raises(InputError, match=r"seat: time is set back by 10\.0 s after 20\.0 s"):
+        found_in({"seat": (back, samples)})
+
+
+def test_stamps_of_another_day_are_refused() -> None:
+    stamps, samples = made(40.0, shaken(40.0, 0.8))
+    far = stamps.copy()
+    far[round(20.0 * SEAT_HZ) :] += 40 * 3600 * 10**9
+    with pytest.raises(InputError, match="longest_h"):
+        found_in({"seat": (far, samples)})
+
+
+def test_a_session_at_rest_has_no_events() -> None:
+    found = found_in({"seat": made(20.0)})
+    assert found.events == () and len(found.rests) == 1
+
+
+def test_a_person_names_conditions_by_time() -> None:
+    up = with_shocks(shaken(60.0, 0.5), [30.0])
+    found = found_in({"seat": made(60.0, up)})
+    named = with_cases(found.events, [CaseSpan(25.0, 35.0, "kerb")])
+    assert [event.case for event in named if event.shocks] == ["kerb"] and "kerb_01" in [event.name for event in named]
+    assert with_cases(found.events, []) == found.events
+
+
+@given(st.lists(st.integers(0, 3 * PIECE), max_size=5))
+def test_rows_leave_in_pieces_of_one_size(sizes: list[int]) -> None:
+    recut, rows = Recut(), np.arange(float(sum(sizes)))[:, None]
+    cuts = np.split(rows, np.cumsum(sizes)[:-1]) if sizes else []
+    pieces = [piece for part in cuts for piece in recut.push(part)]
+    assert {len(piece) for piece in pieces} <= {PIECE}
+    left = list(recut.rest())
+    assert np.array_equal(np.concatenate([np.empty((0, 1)), *pieces, *left]), rows)
+
+
+def test_bins_are_sums_and_maxima_by_time() -> None:
+    bins = Bins(0.5, sums=1, maxima=1)
+    time_s = np.array([0.1, 0.2, 1.6])
+    bins.add(time_s, np.array([[1.0], [2.0], [4.0]]), np.array([[1.0], [2.0], [4.0]]))
+    assert bins.counts.tolist() == [2.0, 0.0, 0.0, 1.0]
+    assert bins.sums[:, 0].tolist() == [3.0, 0.0, 0.0, 4.0] and bins.maxima[:, 0].tolist() == [2.0, 0.0, 0.0, 4.0]
+    assert bins.extent(0.0, 0.5) == slice(0, 1) and bins.extent(0.3, 9.0) == slice(1, 4)
+
+
+def test_settings_out_of_range_are_refused() -> None:
+    with pytest.raises(InputError, match="shock_g"):
+        dataclasses.replace(SessionSettings(), shock_g=0.0)
