@@ -28,6 +28,9 @@ Kind = Literal["train", "shock", "steady"]
 SEAT_GAP_S: Final = 0.1
 """A longer gap of the seat ends an event: nothing can be predicted across it."""
 
+QUIETEST_SHARE: Final = 0.05
+"""The share of a session, by its quietest half seconds, that shows how still the vehicle can be."""
+
 AFTER_SHOCK_S: Final = 0.5
 """A group that follows so soon after the last one, with its warm-up, joins the same event."""
 
@@ -89,23 +92,34 @@ def find(coarse: Bins, fine: Bins, settings: SessionSettings | None = None) -> F
 
 
 def find_rests(coarse: Bins, settings: SessionSettings) -> list[tuple[float, float]]:
-    """The stretches in which the seat does not move: quiet intervals, each with about the mean of the one before."""
+    """The stretches in which the seat does not move: quiet for the session, with one mean reading throughout."""
     s, width_s = settings, coarse.width_s
-    if coarse.counts.size == 0:
+    there = coarse.counts > 0.0
+    if not there.any():
         return []
-    full = coarse.counts >= 0.5 * np.median(coarse.counts[coarse.counts > 0.0])
-    counts = np.where(full, coarse.counts, 1.0)
-    mean = coarse.sums[:, LEVELLED] / counts[:, None]
-    spread = np.sqrt(np.maximum(coarse.sums[:, SQUARE] / counts - (mean**2).sum(axis=1), 0.0))
-    alike = np.concatenate([[False], np.linalg.norm(np.diff(mean, axis=0), axis=1) <= s.rest_level_mps2])
-    quiet = full & (spread <= s.rest_level_mps2)
-    # An interval without the mean of the one before it begins another rest.
-    ends_before = np.flatnonzero(quiet & ~alike)
-    found = []
-    for begin, end in stretches(quiet):
-        edges = [begin, *(at for at in ends_before.tolist() if begin < at < end), end]
-        found += [(a * width_s, b * width_s) for a, b in pairwise(edges)]
-    return [(a, b) for a, b in found if b - a >= s.rest_least_s]
+    full = coarse.counts >= 0.5 * np.median(coarse.counts[there])
+    counts = np.where(full, coarse.counts, 1.0)[:, None]
+    mean = coarse.sums[:, LEVELLED] / counts
+    spread = np.sqrt(np.maximum(coarse.sums[:, SQUARE] / counts[:, 0] - (mean**2).sum(axis=1), 0.0))
+    quietest = float(np.quantile(spread[full], QUIETEST_SHARE))
+    quiet = full & (spread <= min(s.rest_level_mps2, max(s.rest_floor_mps2, s.rest_ratio * quietest)))
+    found = [
+        (begin * width_s, end * width_s)
+        for first, last in stretches(quiet)
+        for begin, end in _with_one_mean(mean, first, last, s.rest_drift_mps2)
+    ]
+    return [(begin_s, end_s) for begin_s, end_s in found if end_s - begin_s >= s.rest_least_s]
+
+
+def _with_one_mean(mean: Floats, first: int, last: int, drift_mps2: float) -> Iterator[tuple[int, int]]:
+    """The parts of a stretch of intervals whose means (b, 3) stay near the mean of the part so far."""
+    begin, total = first, mean[first].copy()
+    for at in range(first + 1, last):
+        if np.linalg.norm(mean[at] - total / (at - begin)) > drift_mps2:
+            yield begin, at
+            begin, total = at, np.zeros(3)
+        total += mean[at]
+    yield begin, last
 
 
 def find_groups(fine: Bins, settings: SessionSettings) -> list[Group]:

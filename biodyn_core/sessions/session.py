@@ -125,7 +125,7 @@ class Session:
             level_mps2=level_of(fine, begin_s, end_s),
             aw_mps2=rms_of(fine, WEIGHTED, begin_s, end_s),
             shocks=tuple(Shock(group.peak_s, group.peak_mps2) for group in window.groups),
-            rest=_nearest(rests, begin_s, end_s),
+            rest=_nearest(rests, begin_s, end_s, s.moved_deg),
             quality=tuple(self._quality(begin_s, end_s)),
         )
 
@@ -177,22 +177,46 @@ def _stuck(digest: SensorDigest) -> Flags:
     return np.asarray((digest.coarse.counts > 1.0) & (square < STUCK_MPS2**2))
 
 
-def _nearest(rests: Sequence[Rest], begin_s: float, end_s: float) -> int | None:
-    """The number of the rest that is nearest in time."""
-    distances = [max(rest.begin_s - end_s, begin_s - rest.end_s, 0.0) for rest in rests]
-    return int(np.argmin(distances)) if distances else None
+def _level_rests(rests: Sequence[Rest], least_deg: float) -> list[int]:
+    """The numbers of the rests for gravity: without one in which the seat tilts, against the rests before and after.
+
+    Such a vehicle stands on a slope, or at a kerb. A sensor that was moved is tilted from then on.
+    """
+
+    def alike(one: Rest, other: Rest) -> bool:
+        a, b = one.gravity_mps2.get(SEAT), other.gravity_mps2.get(SEAT)
+        return a is None or b is None or angle_deg(a, b) <= least_deg
+
+    def tilts(at: int) -> bool:
+        if not 0 < at < len(rests) - 1:
+            return False
+        before, here, after = rests[at - 1 : at + 2]
+        return alike(before, after) and not alike(before, here) and not alike(here, after)
+
+    return [at for at in range(len(rests)) if not tilts(at)]
+
+
+def _nearest(rests: Sequence[Rest], begin_s: float, end_s: float, least_deg: float) -> int | None:
+    """The number of the rest that is nearest in time, of those for gravity."""
+    numbers = _level_rests(rests, least_deg)
+    distances = [max(rests[at].begin_s - end_s, begin_s - rests[at].end_s, 0.0) for at in numbers]
+    return numbers[int(np.argmin(distances))] if distances else None
 
 
 def _moved(rests: Sequence[Rest], least_deg: float) -> Iterator[str]:
     """A line for each sensor that is mounted otherwise in a rest than in its last one."""
     last: dict[str, Rest] = {}
-    for rest in rests:
-        for name, mean in rest.gravity_mps2.items():
-            if name in last:
-                turned_deg = angle_deg(last[name].gravity_mps2[name], mean)
-                if turned_deg > least_deg:
-                    yield (
-                        f"{name}: turned by {turned_deg:.0f} deg between the rests at {last[name].begin_s:.0f} s and"
-                        f" {rest.begin_s:.0f} s: was it moved?"
-                    )
-            last[name] = rest
+    for at in _level_rests(rests, least_deg):
+        rest = rests[at]
+        turned_deg = {
+            name: angle_deg(last[name].gravity_mps2[name], mean)
+            for name, mean in rest.gravity_mps2.items()
+            if name in last
+        }
+        times = {name: f"{last[name].begin_s:.0f} s and {rest.begin_s:.0f} s" for name in turned_deg}
+        for name, deg in turned_deg.items():
+            # All sensors turn with a vehicle that stands on a slope.
+            if deg > least_deg and (name == SEAT or deg > least_deg + turned_deg.get(SEAT, 0.0)):
+                cause = "does the vehicle stand on a slope, or was it moved?" if name == SEAT else "was it moved?"
+                yield f"{name}: turned by {deg:.0f} deg between the rests at {times[name]}: {cause}"
+        last |= dict.fromkeys(rest.gravity_mps2, rest)

@@ -15,6 +15,15 @@ class SessionSettings:
     rest_level_mps2: float = setting(
         0.3, "largest rms of the seat about its mean, over all axes, that counts as rest", "m/s^2", 0.01, 5.0
     )
+    rest_ratio: float = setting(
+        3.0, "largest such rms over that of the quietest twentieth of the session: a smooth drive is no rest", "",
+        1.0, 100.0,
+    )  # fmt: skip
+    rest_floor_mps2: float = setting(0.1, "a smaller rms counts as rest in every session", "m/s^2", 0.0, 5.0)
+    rest_drift_mps2: float = setting(
+        0.2, "largest distance of the mean reading of half a second from that of the rest: a vehicle that gathers speed"
+        " is not at rest", "m/s^2", 0.01, 5.0,
+    )  # fmt: skip
     shock_g: float = setting(0.8, "least peak of a shock, vertical, low-passed", "g", 0.1, 50.0)
     shock_crest: float = setting(5.0, "least peak of a shock over the level around it", "", 2.0, 100.0)
     around_s: float = setting(10.0, "length of the stretch around a shock that gives this level", "s", 2.0, 120.0)
