@@ -21,6 +21,8 @@ from streams import noisy_streams
 from trident import capture_u_files, nexus_text, shock, still
 
 from biodyn_core.base.segments import SEAT
+from biodyn_core.body.subject import load_subject
+from biodyn_core.body.synthesis_settings import SensorSettings
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base import topics
@@ -31,6 +33,7 @@ from biodyn_ros.commands.completion import script
 from biodyn_ros.commands.parsing import CommandParser
 from biodyn_ros.commands.table import GROUPS, NAMES, command_of, parser
 from biodyn_ros.node.params import names
+from biodyn_ros.simulate import motion_of_cases, simulate_bag
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = [example for name in NAMES for example in command_of(name).examples]
@@ -136,6 +139,10 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copy(subject_file("subject_1"), at / f"{name}.yaml")
     shutil.copy(config_file("limits.yaml"), at / "limits.yaml")
     shutil.copy(config_file("live.yaml"), at / "live.yaml")
+    for number, name in enumerate(("session", "session_2")):
+        motion = motion_of_cases(["road"], 13.0, seed=number)
+        simulate_bag(at / f"{name}.mcap", load_subject(subject_file("subject_1")), motion, number, SensorSettings())
+    (at / "conditions.csv").write_text("start,end,case\n0,9,gravel\n", encoding="utf-8")
     (at / "subjects.yaml").write_text("subjects: []\n", encoding="utf-8")
     for serial in ("TS-02374", "TS-02375"):
         capture_u_files(at / "exports", serial, shock())
@@ -247,6 +254,20 @@ def test_the_examples_of_the_live_node_name_existing_parameters(place: Path) -> 
         ("simulate --subject subject_1 --case road -o nowhere/x.mcap", "nowhere/x.mcap: cannot be written"),
         ("fit drive.mcap --subject subject_1 -o seat.csv", "seat.csv: a subject file ends in .yaml"),
         ("fit drive.mcap -o x.yaml", "BAG... and --subject are needed, or --campaign; biodyn fit -h shows how"),
+        ("events drive.mcap -o x.json", "x.json: an events file ends in .yaml"),
+        ("events drive.mcap -o x.yaml", "drive.mcap: no event in "),
+        ("events drve.mcap -o x.yaml", "did you mean drive.mcap?"),
+        ("events session.mcap -o x.yaml --cases marks", "session.mcap: has no marks: name conditions by the seat, or"),
+        ("events session.mcap -o x.yaml --cases conditons.csv", "did you mean conditions.csv?"),
+        (
+            "events session.mcap session.mcap -o x.yaml",
+            "the same recording as session.mcap; give it once",
+        ),
+        ("events session.mcap -o x.yaml --shock-g 99", "shock_g is 99, allowed are 0.1 to 50 g"),
+        ("replay drive.mcap@9..8 --subject subject_1 -o x", "needs an end at least 0.5 s after its start"),
+        ("replay drive.mcap@900..901 --subject subject_1 -o x", "drive.mcap@900..901: outside the bag, which has "),
+        ("fit drive.mcap --subject anna.yaml -o y.yaml --hold-out auto road.mcap", "name no further ones"),
+        ("validate limits.yaml --subject anna.yaml", "limits.yaml: unknown key "),
         ("compare subject_1", "the following arguments are required: B; biodyn compare -h shows how"),
         ("completion bahs", "'bahs' is not one of bash, zsh, fish; did you mean bash?"),
         ("demo --json", "biodyn demo: there is no option --json; biodyn demo -h shows how"),

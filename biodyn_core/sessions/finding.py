@@ -31,9 +31,6 @@ SEAT_GAP_S: Final = 0.1
 QUIETEST_SHARE: Final = 0.05
 """The share of a session, by its quietest half seconds, that shows how still the vehicle can be."""
 
-AFTER_SHOCK_S: Final = 0.5
-"""A group that follows so soon after the last one, with its warm-up, joins the same event."""
-
 
 @dataclass(frozen=True)
 class Group:
@@ -187,7 +184,7 @@ def _continuous(fine: Bins) -> Iterator[tuple[float, float]]:
 def _shock_windows(
     groups: Sequence[Group], begin_s: float, end_s: float, s: SessionSettings
 ) -> tuple[list[Window], list[str]]:
-    """The windows around groups in a stretch of the seat; groups too near for a warm-up between share one."""
+    """The windows around groups in a stretch of the seat; groups too near for a tail and a warm-up between share one."""
     windows: list[Window] = []
     left_out = []
     for group in groups:
@@ -202,7 +199,7 @@ def _shock_windows(
         if last is None or last.end_s <= found.begin_s:
             windows.append(found)
             continue
-        after_s = last.groups[-1].end_s + AFTER_SHOCK_S
+        after_s = last.groups[-1].end_s + s.tail_s
         if group.begin_s - after_s >= WARM_UP_S:
             cut_s = max(found.begin_s, after_s)
             windows[-1] = dataclasses.replace(last, end_s=cut_s)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-from collections.abc import Iterable, Mapping
+import sys
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -47,13 +48,29 @@ def is_events(given: str) -> bool:
     return is_events_file(given)
 
 
-def show_each(options: argparse.Namespace, results: Iterable[tuple[dict[str, Any], str]], several: bool) -> None:
-    """Print the result of a bag, or those of the events of a file."""
-    found = list(results)
-    if several:
-        show(options, {"events": [document for document, _ in found]}, "\n\n".join(text for _, text in found))
-    else:
-        show(options, *found[0])
+Result = tuple[dict[str, Any], str]
+"""The result of a command as JSON and as text."""
+
+
+def run_each(options: argparse.Namespace, output: Path | None, run: Callable[[Bag, Path | None], Result]) -> None:
+    """Run a command on a bag, or on every event of a file, and print its results.
+
+    An event that cannot be used is reported, and the others go on; raises InputError for a bag, or for no usable event.
+    """
+    given = each_with_directory(options.bag, output)
+    if not is_events(options.bag):
+        show(options, *run(*given[0]))
+        return
+    found, refused = [], []
+    for bag, directory in given:
+        try:
+            found.append(run(bag, directory))
+        except InputError as error:
+            refused.append(f"{bag}: {str(error).removeprefix(f'{bag}: ')}")
+            print(f"left out: {refused[-1]}", file=sys.stderr)
+    if not found:
+        raise InputError(f"none of the {len(given)} events can be used; the first: {refused[0]}")
+    show(options, {"events": [document for document, _ in found]}, "\n\n".join(text for _, text in found))
 
 
 def add_subject(command: CommandParser) -> None:

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from biodyn_ros.base.progress import Progress
 from biodyn_ros.commands.arguments import (
+    Result,
     add_bag,
     add_map,
     add_settings,
     add_subject,
     add_time,
-    each_with_directory,
-    is_events,
+    run_each,
     settings_of,
-    show_each,
 )
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
+
+if TYPE_CHECKING:
+    from biodyn_ros.reading.parts import Bag
 
 
 def _add(command: CommandParser) -> None:
@@ -64,16 +67,16 @@ def _run(options: argparse.Namespace) -> None:
     subject = load_subject(subject_file(options.subject))
     from biodyn_ros.replay.text import summary
 
-    results = []
-    for bag, directory in each_with_directory(options.bag, Path(options.output)):
+    def run(bag: Bag, directory: Path | None) -> Result:
         assert directory is not None
         with Progress("replaying") as progress:
             replayed = replay_to_directory(
                 bag, subject, directory, how, progress=progress, report=not options.no_report,
                 predicted=not options.no_predicted,
             )  # fmt: skip
-        results.append((replayed.document, summary(replayed.report)))
-    show_each(options, results, is_events(options.bag))
+        return replayed.document, summary(replayed.report)
+
+    run_each(options, Path(options.output), run)
 
 
 COMMAND = Command(

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from biodyn_ros.base.progress import Progress
 from biodyn_ros.commands.arguments import (
+    Result,
     add_bag,
     add_reading,
     add_settings,
     add_subject,
     check_reports,
-    each_with_directory,
-    is_events,
     reading_of,
+    run_each,
     settings_of,
-    show_each,
 )
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
+
+if TYPE_CHECKING:
+    from biodyn_ros.reading.parts import Bag
 
 
 def _add(command: CommandParser) -> None:
@@ -63,14 +66,15 @@ def _run(options: argparse.Namespace) -> None:
     if directory:
         check_directory(directory)
         check_reports(options)
-    results = []
-    for bag, place in each_with_directory(options.bag, directory):
+
+    def run(bag: Bag, place: Path | None) -> Result:
         with Progress("validating") as progress:
             validated = validate(bag, subject, how, progress)
         if place:
             write_validated(validated, place, not options.no_report)
-        results.append((validation_document(validated), text_of(validated)))
-    show_each(options, results, is_events(options.bag))
+        return validation_document(validated), text_of(validated)
+
+    run_each(options, directory, run)
 
 
 COMMAND = Command(

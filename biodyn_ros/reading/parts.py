@@ -18,7 +18,7 @@ SHORTEST_S: Final = 0.5
 """The shortest part."""
 
 BESIDE_S: Final = 0.5
-"""The other sensors of a part are read for this time beyond the seat: alignment needs their neighbours."""
+"""The other sensors of a recording are read for this time beyond the seat: alignment needs their neighbours."""
 
 LATE_S: Final = 10.0
 """A recorder logs a sample at most so long after its stamp, clocks that drift included."""

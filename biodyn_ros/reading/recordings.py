@@ -15,7 +15,7 @@ from biodyn_core.recording.recording import Recorder, Recording
 from biodyn_core.recording.recording_settings import RecordingSettings
 from biodyn_ros.base.progress import OnProgress, ignore_progress
 from biodyn_ros.reading.gravity import gravity_of_part
-from biodyn_ros.reading.parts import Bag, part_of
+from biodyn_ros.reading.parts import BESIDE_S, Bag, part_of
 from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.reading.sensors import ReadingOptions, open_sensors
 
@@ -52,7 +52,7 @@ def read_recordings(
     options, part = options or RecordingOptions(), part_of(bag)
     verticals = options.verticals()
     with_rates = options.channels or not (options.recording or RecordingSettings()).keep_lean
-    with open_sensors(part, options) as sensors:
+    with open_sensors(part, options, BESIDE_S) as sensors:
         settings, named = sensors.conditioning, case or case_of(part)
         known = gravity_of_part(part, sensors, options, verticals) if gravity is None else gravity
         recorder = Recorder(named, str(part), settings, options.recording, verticals, options.channels, known)

@@ -18,7 +18,7 @@ from biodyn_ros.bag import BagReader, LoggedImu, imu_blocks, open_bag
 from biodyn_ros.base.progress import OnProgress
 from biodyn_ros.reading.mapping import sensors_of
 from biodyn_ros.reading.marks import Mark, marks_of
-from biodyn_ros.reading.parts import BESIDE_S, BEYOND_S, Bag, BagPart, Extent, part_of
+from biodyn_ros.reading.parts import BEYOND_S, Bag, BagPart, Extent, part_of
 from biodyn_ros.reading.provenance import is_made_by_model
 from biodyn_ros.reading.saturation import limits_of
 from biodyn_ros.reading.stamps import SensorClock, choose_times, clock_warnings
@@ -40,7 +40,9 @@ class SensorReading:
     part outside the bag.
     """
 
-    def __init__(self, reader: BagReader, options: ReadingOptions, part: BagPart | None = None) -> None:
+    def __init__(
+        self, reader: BagReader, options: ReadingOptions, part: BagPart | None = None, beside_s: float = 0.0
+    ) -> None:
         self._reader = reader
         self._sensors = sensors_of(reader, options.mapping)
         self.conditioning, self._limit_notes = limits_of(reader, self._sensors, options.conditioning)
@@ -49,7 +51,7 @@ class SensorReading:
         self.times = {sensor: self._choices[topic].time for topic, sensor in self._sensors.items()}
         self.made_by_model = is_made_by_model(reader)
         self._begin_ns: int | None = None
-        self._extent = None if part is None or part.is_whole else self._extent_of(part)
+        self._extent = None if part is None or part.is_whole else self._extent_of(part, beside_s)
 
     def blocks(self, progress: OnProgress, gyro: bool = False) -> Iterator[tuple[str, LoggedImu]]:
         """Each sensor's next samples, in order of log time; `progress` is called with (samples done, all samples)."""
@@ -85,7 +87,7 @@ class SensorReading:
                 return int(block.stamps_ns[is_set[0]]), int(block.log_ns[is_set[0]])
         raise InputError(f"{self._reader.path}: the seat has no sample with a stamp")
 
-    def _extent_of(self, part: BagPart) -> Extent:
+    def _extent_of(self, part: BagPart, beside_s: float) -> Extent:
         stamp_ns, log_ns = self.first_of_seat()
         length_s = 1e-9 * ((self._reader.end_ns or log_ns) - log_ns)
         if part.begin_s >= length_s or (part.end_s < math.inf and part.end_s > length_s + BEYOND_S):
@@ -94,7 +96,7 @@ class SensorReading:
         begins = {
             topic: stamp_ns + (header_ns if choice.time == "log" else 0) for topic, choice in self._choices.items()
         }
-        beside = {topic: 0.0 if sensor == SEAT else BESIDE_S for topic, sensor in self._sensors.items()}
+        beside = {topic: 0.0 if sensor == SEAT else beside_s for topic, sensor in self._sensors.items()}
         return Extent.of_part(part, length_s, begins, beside, log_ns)
 
     def bag_warnings(self) -> list[str]:
@@ -124,8 +126,11 @@ def check_seat(status: SensorStatus, bag: str) -> None:
 
 
 @contextmanager
-def open_sensors(bag: Bag, options: ReadingOptions) -> Iterator[SensorReading]:
-    """Open a bag, or a part, to read its sensors; raises InputError for a bag without Imu or seat."""
+def open_sensors(bag: Bag, options: ReadingOptions, beside_s: float = 0.0) -> Iterator[SensorReading]:
+    """Open a bag, or a part, to read its sensors; raises InputError for a bag without Imu or seat.
+
+    beside_s: further time of the other sensors of a part, on both sides of the seat's.
+    """
     part = part_of(bag)
     with open_bag(part.path) as reader:
-        yield SensorReading(reader, options, part)
+        yield SensorReading(reader, options, part, beside_s)

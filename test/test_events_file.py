@@ -1,0 +1,296 @@
+"""The events file and its command: what is written is read again, a wrong edit is one line, and fits use it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from pages import NASTY, Page, empty_drawings
+
+from biodyn_core.base.errors import InputError
+from biodyn_core.body.subject import load_subject
+from biodyn_core.body.synthesis import SeatMotion
+from biodyn_core.body.synthesis_settings import SensorSettings
+from biodyn_core.tracing.settings import FloorSettings
+from biodyn_ros.base.resources import subject_file
+from biodyn_ros.commands.cli import main
+from biodyn_ros.events.drawings import COLUMNS, decimated, timeline, timeline_rows
+from biodyn_ros.events.finding import SessionOptions, find_events, read_spans, spans_of
+from biodyn_ros.events.lacking import contents, lacking_for_fit, lacking_for_trace
+from biodyn_ros.events.page import events_page
+from biodyn_ros.events.text import MOST_ROWS, text_of
+from biodyn_ros.reading.dealing import TO_FIT, TO_TRACE, Dealable, deal
+from biodyn_ros.reading.events_file import FoundSession, load_events, write_events
+from biodyn_ros.reading.given import bags_of
+from biodyn_ros.reading.marks import Mark
+from biodyn_ros.reading.parts import part_of
+from biodyn_ros.simulate import motion_of_cases, simulate_bag
+
+SUBJECT = load_subject(subject_file("subject_1"))
+SMALL = ["--particles", "12", "--iterations", "10", "--starts", "1", "--refined-starts", "1", "--evaluations", "40"]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A session of two drives between rests, and its events file."""
+    at = tmp_path_factory.mktemp("events")
+    still = SeatMotion(4 * 1129.3, np.zeros((round(4 * 1129.3 * 5), 3)), np.zeros(round(4 * 1129.3 * 5)))
+    drives = [motion_of_cases([case], 12.0, seed) for seed, case in enumerate(("road", "pothole", "rail", "road"))]
+    parts = [still, *(part for drive in drives for part in (drive, still))]
+    motion = SeatMotion(
+        still.rate_hz,
+        np.concatenate([part.accel_mps2 for part in parts]),
+        np.concatenate([part.pitch_rate_radps for part in parts]),
+    )
+    simulate_bag(at / "session.mcap", SUBJECT, motion, 4, SensorSettings())
+    write_events([find_events(at / "session.mcap")], at / "session.events.yaml")
+    return at
+
+
+@pytest.fixture(scope="module")
+def found(place: Path) -> FoundSession:
+    return find_events(place / "session.mcap")
+
+
+def test_the_file_holds_the_events(place: Path, found: FoundSession) -> None:
+    parts = load_events(place / "session.events.yaml")
+    events = found.findings.events
+    assert [part.name for part in parts] == [event.name for event in events]
+    for part, event in zip(parts, events, strict=True):
+        assert (part.begin_s, part.end_s) == pytest.approx((event.begin_s, event.end_s), abs=0.006)
+        assert part.case == event.case and part.path == place / "session.mcap"
+        assert event.rest is not None and part.rest_s == pytest.approx(
+            (found.findings.rests[event.rest].begin_s, found.findings.rests[event.rest].end_s), abs=0.006
+        )
+    assert {part.case for part in parts} == {"road", "pothole", "rail"}
+    assert len(found.findings.rests) == 5
+
+
+def test_a_session_and_its_events_move_together(place: Path, tmp_path: Path) -> None:
+    for name in ("session.mcap", "session.events.yaml"):
+        shutil.copy(place / name, tmp_path / name)
+    assert load_events(tmp_path / "session.events.yaml")[0].path == tmp_path / "session.mcap"
+
+
+Edit = Callable[[dict[str, Any]], object]
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (lambda d: d.update(more=1), "unknown key 'more'"),
+        (lambda d: d["events"][0].update(cas="road"), "event 1: unknown key 'cas', known are "),
+        (lambda d: d["events"][0].pop("case"), "event 1: key 'case' is missing"),
+        (lambda d: d["events"][1].update(start_s=d["events"][0]["end_s"] - 1.0), r"overlap: end the first by"),
+        (lambda d: d["events"][0].update(end_s=9999.0), "event .*: start_s and end_s: .* is not within the bag"),
+        (lambda d: d["events"][0].update(start_s=-1.0), "is not within the bag"),
+        (lambda d: d["events"][0].update(start_s="x"), "'x' is no number"),
+        (lambda d: d["events"][0].update(rest_s=[1.0]), "rest_s: expected two times"),
+        (lambda d: d["events"][0].update(bag="other.mcap"), "bag 'other.mcap' is not among the sessions"),
+        (lambda d: d["events"][1].update(name=d["events"][0]["name"]), "two events have the name"),
+        (lambda d: d["sessions"][0].update(sha256="0"), "session.mcap has changed since its events were found"),
+        (lambda d: d["sessions"][0].update(bag="gone.mcap"), "gone.mcap: no such bag: if it was moved"),
+        (lambda d: d.update(events=[]), "has no events"),
+        (lambda d: d.update(events={}), "events: expected a list"),
+        (lambda d: d.update(schema=2), "schema is 2, this version reads 1: run biodyn events again"),
+    ],
+)
+def test_a_wrong_edit_is_one_line(place: Path, tmp_path: Path, edit: Edit, message: str) -> None:
+    document = yaml.safe_load((place / "session.events.yaml").read_text())
+    (tmp_path / "session.mcap").symlink_to(place / "session.mcap")
+    edit(document)
+    path = tmp_path / "edited.yaml"
+    path.write_text(yaml.safe_dump(document))
+    with pytest.raises(InputError, match=message) as error:
+        load_events(path)
+    assert str(error.value).startswith(str(path)) and "\n" not in str(error.value)
+
+
+def test_bags_parts_and_events_are_given_together(place: Path) -> None:
+    given = bags_of([str(place / "session.events.yaml"), "a.mcap", "b.mcap@1..2"])
+    assert given[-2] == "a.mcap" and str(given[-1]) == "b.mcap@1..2" and len(given) > 4
+
+
+# --- commands --------------------------------------------------------------------------------------------------------
+
+
+def test_a_subject_is_fitted_and_validated_on_events(
+    place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Dealt at random, fitted, and validated on each event; roles are those of the parts."""
+    events, fitted = str(place / "session.events.yaml"), tmp_path / "fitted.yaml"
+    line = ["fit", events, "--subject", "subject_1", "-o", str(fitted), "--hold-out", "auto", "--no-report", *SMALL]
+    assert main([*line, "--executor", "none", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["dealt"].startswith("dealt at random (seed 0)")
+    used = [case["bag"] for case in document["cases"]]
+    assert len(used) == 3 and not {event["bag"] for event in document["held_out"]} & set(used)
+    assert all("begin_s" in case and "end_s" in case for case in document["cases"])
+    with empty_drawings():
+        assert main(["validate", events, "--subject", str(fitted), "-o", str(tmp_path / "v"), "--json"]) == 0
+    each = json.loads(capsys.readouterr().out)["events"]
+    roles = {one["bag"]: one["role"] for one in each}
+    assert all(roles[bag] == "fitted" for bag in used) and "held_out" in roles.values()
+    assert (tmp_path / "v" / "rail_01" / "validate.json").exists()
+
+
+def test_the_events_are_replayed_each_into_its_directory(place: Path, tmp_path: Path) -> None:
+    document = yaml.safe_load((place / "session.events.yaml").read_text())
+    document["events"] = document["events"][:2]
+    path = place / "two.yaml"
+    path.write_text(yaml.safe_dump(document))
+    line = ["replay", str(path), "--subject", "subject_1", "-o", str(tmp_path), "--no-report", "--no-predicted"]
+    assert main(line) == 0
+    names = [event["name"] for event in document["events"]]
+    assert sorted(names) == sorted(one.name for one in tmp_path.iterdir())
+    assert all((tmp_path / name / "exposure.json").exists() for name in names)
+
+
+def test_the_command_writes_file_and_page(place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    output = tmp_path / "new" / "a.events.yaml"
+    table = tmp_path / "cases.csv"
+    table.write_text("start, end, case\n0, 20, Kopfstein-Pflaster\n")
+    line = ["events", str(place / "session.mcap"), "-o", str(output), "--cases", str(table)]
+    with empty_drawings():
+        assert main(line) == 0
+    out = capsys.readouterr().out
+    assert "kopfstein_pflaster_01" in out and "for trace: " in out
+    assert load_events(output)[0].case == "kopfstein_pflaster"
+    assert "kopfstein_pflaster" in Page(output.with_suffix(".html").read_text()).text
+    assert main([*line, "--no-report", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == yaml.safe_load(output.read_text())
+    assert not output.with_suffix(".html").exists()
+
+
+def test_a_refused_session_leaves_nothing(place: Path, tmp_path: Path) -> None:
+    output = tmp_path / "new" / "a.yaml"
+    assert main(["events", f"{place / 'session.mcap'}@0..4", "-o", str(output)]) == 2
+    assert not output.parent.exists()
+
+
+# --- text and page ---------------------------------------------------------------------------------------------------
+
+
+def test_the_page_shows_every_event_and_draws(found: FoundSession) -> None:
+    page = Page(events_page([found]))
+    for event in found.findings.events:
+        assert event.name in page.text
+    assert page.tags.count("svg") == 2
+
+
+def test_names_of_a_page_are_escaped(found: FoundSession) -> None:
+    with empty_drawings():
+        source = events_page([FoundSession(Path(NASTY), "0", found.findings, (NASTY,))])
+    assert "<script>" not in source and Page(source).text.count("rail") > 1
+
+
+def test_rows_of_the_timeline_are_rests_conditions_and_faults(found: FoundSession) -> None:
+    rows = timeline_rows(found.findings)
+    assert [name for name, _, _ in rows][:1] == ["rest"] and {"road", "pothole", "rail"} <= {
+        name for name, _, _ in rows
+    }
+    assert len(rows[0][1]) == len(found.findings.rests)
+    assert str(timeline(found.findings)).startswith("<svg")
+
+
+def test_a_long_curve_is_drawn_by_its_largest_values() -> None:
+    values = np.zeros(10 * COLUMNS + 3)
+    values[5_001] = 7.0
+    time_s, drawn = decimated(values, 0.02, np.max)
+    assert drawn.size <= COLUMNS and drawn.max() == 7.0
+    assert time_s[drawn.argmax()] == pytest.approx(5_001 * 0.02, abs=0.02 * 11)
+
+
+def test_the_text_ends_with_what_is_lacking(found: FoundSession) -> None:
+    text = text_of([found])
+    assert f"{len(found.findings.events)} events" in text and "5 rests" in text
+    assert len(text.splitlines()) < MOST_ROWS
+
+
+def test_the_shopping_list_counts_half_of_the_events(found: FoundSession) -> None:
+    has = contents(found.findings.events, FloorSettings())
+    assert has.shocks == sum(len(event.shocks) for event in found.findings.events) and has.hard_shocks >= 3
+    rich = FloorSettings(road_s=1.0, shocks=has.shocks // 2, hard_shocks=1)
+    assert lacking_for_trace([found], rich) == []
+    assert any("shocks" in line for line in lacking_for_trace([found], FloorSettings(shocks=1000)))
+    assert lacking_for_fit([found]) == [
+        f"{case}: one event, a second one is needed to hold out"
+        for case in ("road", "pothole", "rail")
+        if [event.case for event in found.findings.events].count(case) == 1
+    ]
+
+
+# --- conditions ------------------------------------------------------------------------------------------------------
+
+
+def test_marks_name_conditions_up_to_the_next_mark() -> None:
+    spans = spans_of([Mark("Gravel road", 5.0), Mark("end", 20.0), Mark("kerb", 30.0)], 60.0)
+    assert [(span.begin_s, span.end_s, span.case) for span in spans] == [
+        (5.0, 20.0, "gravel_road"),
+        (30.0, 60.0, "kerb"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("start,case\n1,road\n", "line 2: the columns start, end, case are needed"),
+        ("start,end,case\n1,x,road\n", "line 2: start and end are seconds, not '1' and 'x'"),
+        ("start,end,case\n1,2,road\n5,4,rail\n", "line 3: the end, 4 s, is not after the start, 5 s"),
+    ],
+)
+def test_a_wrong_table_is_one_line(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "cases.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_spans(path)
+
+
+def test_marks_of_a_bag_are_needed_to_name_by_them(place: Path) -> None:
+    with pytest.raises(InputError, match=r"session\.mcap: has no marks"):
+        find_events(place / "session.mcap", SessionOptions(cases="marks"))
+
+
+# --- dealing ---------------------------------------------------------------------------------------------------------
+
+
+def items(count: int, seed: int = 0) -> list[Dealable]:
+    rng = np.random.default_rng(seed)
+    return [Dealable(f"e{k}", ("road", "rail")[k % 2], float(rng.uniform(0.3, 3.0)), 60.0 * k) for k in range(count)]
+
+
+def test_dealing_is_balanced_by_condition_level_and_time() -> None:
+    every = items(48)
+    drawn = deal(every, TO_TRACE, seed=3)
+    for case in ("road", "rail"):
+        uses = [use for of, use in drawn.values() if of == case]
+        assert (uses.count("fit"), uses.count("choose"), uses.count("report")) == (12, 6, 6)
+    for value in ("level_mps2", "time_s"):
+        values = np.array([getattr(item, value) for item in every])
+        for use in ("fit", "choose", "report"):
+            mine = np.array([getattr(item, value) for item in every if drawn[item.bag][1] == use])
+            assert abs(mine.mean() - values.mean()) < 0.15 * values.std()
+
+
+def test_dealing_repeats_with_its_seed() -> None:
+    every = items(24)
+    assert deal(every, TO_TRACE, 1) == deal(every, TO_TRACE, 1) != deal(every, TO_TRACE, 2)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5])
+def test_few_events_are_fitted_to_first(count: int) -> None:
+    one_case = [Dealable(f"e{k}", "road", 1.0 + k, float(k)) for k in range(count)]
+    uses = [use for _, use in deal(one_case, TO_FIT, 0).values()]
+    assert uses.count("fit") == (count + 1) // 2
+
+
+def test_an_events_file_is_recognised_by_its_ending() -> None:
+    assert part_of("a.mcap").is_whole
+    with pytest.raises(InputError, match=r"gone\.yaml: cannot be read"):
+        bags_of(["gone.yaml"])
