@@ -16,7 +16,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "data": ("import-blue-trident", "info", "check-sensors", "events", "simulate", "demo"),
     "online": ("live", "page", "play"),
     "offline": ("replay",),
-    "model": ("fit", "compare", "validate"),
+    "model": ("subject", "fit", "compare", "validate"),
     "effects": ("trace",),
     "shell": ("completion",),
 }

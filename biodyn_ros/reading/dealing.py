@@ -7,7 +7,7 @@ differ least in mean level and in mean time of the session.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -38,13 +38,19 @@ class Dealable:
 def dealt(events: Sequence[Prepared], uses: Sequence[Use], seed: int) -> list[Prepared]:
     """The events with those of every use but `fit` held out; last, and of a condition alternately choose and report."""
     drawn = deal(dealables(events), uses, seed)
-    ranks: dict[str, tuple[bool, int]] = {}
+    ranks = turns(drawn)
+    held = [(dataclasses.replace(event, held_out=drawn[event.bag][1] != "fit"), case) for event, case in events]
+    return sorted(held, key=lambda each: (each[0].held_out, ranks[each[0].bag]))
+
+
+def turns(drawn: Mapping[str, tuple[str, Use]]) -> dict[str, int]:
+    """The place of each bag, so that choose and report alternate within a condition."""
+    ranks: dict[str, int] = {}
     counts: dict[tuple[str, Use], int] = {}
     for bag, (case, use) in drawn.items():
         at = counts[case, use] = counts.get((case, use), -1) + 1
-        ranks[bag] = (use != "fit", 2 * at + (use == "report"))
-    held = [(dataclasses.replace(event, held_out=ranks[event.bag][0]), case) for event, case in events]
-    return sorted(held, key=lambda each: ranks[each[0].bag])
+        ranks[bag] = 2 * at + (use == "report")
+    return ranks
 
 
 def dealt_line(events: Sequence[Prepared], seed: int) -> str:

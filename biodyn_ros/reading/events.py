@@ -98,6 +98,9 @@ def read_events(bags: Sequence[Bag], held_out: Sequence[Bag], options: EventOpti
             else:
                 prepared.append((BagEvent(str(bag), source, recording, is_held_out), ready))
     progress(len(given), len(given))
+    names = [event.recording.name for event, _ in prepared]
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise InputError(f"two recordings have the name {twice}: rename one of the events or bags")
     if all(event.held_out for event, _ in prepared):
         several = f"none of the {len(bags)} bags can be fitted; the first: " if len(bags) > 1 else ""
         raise InputError(f"{several}{reasons[0]}")

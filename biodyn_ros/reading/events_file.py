@@ -150,7 +150,15 @@ def _part(event: object, where: str, path: Path, seconds: dict[str, float]) -> B
         raise InputError(f"{where}: bag {bag!r} is not among the sessions, {known_are(bag, list(seconds))}")
     begin_s, end_s = _interval([given["start_s"], given["end_s"]], f"{where}: start_s and end_s", seconds[bag])
     rest_s = None if given.get("rest_s") is None else _interval(given["rest_s"], f"{where}: rest_s", seconds[bag])
-    return BagPart(path.parent / bag, begin_s, end_s, text_of(given["case"], f"{where}: case"), rest_s, name)
+    level = _number(given.get("level_mps2", 0.0), f"{where}: level_mps2")
+    return BagPart(_beside(path, bag), begin_s, end_s, text_of(given["case"], f"{where}: case"), rest_s, name, level)
+
+
+def _beside(path: Path, bag: str) -> Path:
+    """The path of a bag that is named from the folder of a file, without `..` where that leads to the same."""
+    whole = path.parent / bag
+    short = Path(os.path.normpath(whole))
+    return short if short.exists() and short.samefile(whole) else whole
 
 
 def _interval(ends: object, where: str, seconds: float) -> tuple[float, float]:

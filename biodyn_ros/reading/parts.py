@@ -32,7 +32,7 @@ class BagPart:
     """A bag, or a part of it.
 
     case: its loading condition, None for that of its name. rest_s: begin and end of the rest in the bag that gives
-    gravity, None to search for it. name: of the event in an events file, empty without one.
+    gravity, None to search for it. name and level (rms of the seat): of the event in an events file.
     """
 
     path: Path
@@ -41,6 +41,7 @@ class BagPart:
     case: str | None = None
     rest_s: tuple[float, float] | None = None
     name: str = ""
+    level_mps2: float = 0.0
 
     @property
     def is_whole(self) -> bool:
@@ -50,6 +51,11 @@ class BagPart:
     def overlaps(self, other: BagPart) -> bool:
         """Whether both, of the same bag, have time in common."""
         return min(self.end_s, other.end_s) > max(self.begin_s, other.begin_s)
+
+    @property
+    def label(self) -> str:
+        """A name for readers: that of the event with its bag, or the reference."""
+        return f"{self.name} of {self.path.name}" if self.name else str(self)
 
     def __str__(self) -> str:
         """The reference, as a user gives it."""

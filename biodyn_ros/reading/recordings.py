@@ -55,7 +55,7 @@ def read_recordings(
     with open_sensors(part, options, BESIDE_S) as sensors:
         settings, named = sensors.conditioning, case or case_of(part)
         known = gravity_of_part(part, sensors, options, verticals) if gravity is None else gravity
-        recorder = Recorder(named, str(part), settings, options.recording, verticals, options.channels, known)
+        recorder = Recorder(named, part.label, settings, options.recording, verticals, options.channels, known)
         for sensor, block in sensors.blocks(progress, with_rates):
             recorder.push(sensor, block.stamps_ns, block.accel_mps2, block.gyro_radps)
         warnings = [*([MADE_BY_MODEL] if sensors.made_by_model else []), *sensors.bag_warnings()]

@@ -1,0 +1,128 @@
+"""`biodyn subject`: from recorded sessions to a fitted, validated and traced subject."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from biodyn_core.base.errors import InputError
+from biodyn_ros.base.progress import Progress
+from biodyn_ros.commands.arguments import (
+    add_executor,
+    add_reading,
+    add_seed,
+    add_settings,
+    check_reports,
+    reading_of,
+    settings_of,
+    show,
+)
+from biodyn_ros.commands.command import Command
+from biodyn_ros.commands.parsing import CommandParser
+
+if TYPE_CHECKING:
+    from biodyn_ros.subject.making import SubjectOptions
+
+
+def _add(command: CommandParser) -> None:
+    from biodyn_core.identification.settings import FitSettings
+    from biodyn_core.sessions.settings import SessionSettings
+    from biodyn_core.tracing.settings import TraceSettings
+
+    command.add_argument("bag", nargs="+", metavar="SESSION", help="bags of one person")
+    command.add_argument(
+        "--subject", required=True, metavar="S", help="subject file, with or without parameters, or a bundled name"
+    )
+    command.add_argument(
+        "--cases", default="seat", metavar="HOW", help="loading conditions, as in biodyn events (default seat)"
+    )
+    command.add_argument(
+        "--per-case", type=int, default=12, metavar="N",
+        help="most events of a loading condition that are used (3 to 200, default 12)",
+    )  # fmt: skip
+    add_seed(command, "seed of random numbers")
+    add_executor(command)
+    command.add_argument("--no-report", action="store_true", help="write no pages")
+    add_reading(command)
+    add_settings(command, "events", SessionSettings)
+    add_settings(command, "fitting", FitSettings)
+    add_settings(command, "tracing", TraceSettings)
+    command.add_argument("-o", "--output", required=True, metavar="DIR", help="directory for the results of all steps")
+
+
+def _run(options: argparse.Namespace) -> int:
+    from biodyn_core.body.parameters import UNFITTED
+    from biodyn_core.body.subject import load_subject
+    from biodyn_ros.base.files import check_directory, remove
+    from biodyn_ros.base.resources import subject_file
+    from biodyn_ros.subject.making import PAGE, Helpers, make_subject
+    from biodyn_ros.subject.text import document_of, text_of
+    from biodyn_ros.work.executor_map import parallel_map
+    from biodyn_ros.work.executors import executor_of
+
+    directory = Path(options.output)
+    check_directory(directory)
+    check_reports(options)
+    how = how_of(options)
+    subject = load_subject(subject_file(options.subject), UNFITTED)
+    try:
+        with executor_of(options.executor) as executor, parallel_map(executor) as parallel:
+            helpers = Helpers(executor, parallel, Progress, lambda line: print(line, file=sys.stderr))
+            made = make_subject(options.bag, subject, directory, how, helpers)
+    except KeyboardInterrupt:
+        print(f"biodyn subject: {directory} keeps the finished steps; repeat the command to continue", file=sys.stderr)
+        raise
+    if options.no_report:
+        remove(directory / PAGE)
+    else:
+        from biodyn_ros.reports.pages import write_drawn  # needs the extra `reports`
+        from biodyn_ros.subject.page import subject_page
+
+        write_drawn(directory / PAGE, lambda: subject_page(made))
+    show(options, document_of(made), text_of(made))
+    return 0 if made.steps["fit"].state == "done" else 2
+
+
+def how_of(options: argparse.Namespace) -> SubjectOptions:
+    """The options of all steps."""
+    from biodyn_core.identification.settings import FitSettings
+    from biodyn_core.sessions.settings import SessionSettings
+    from biodyn_core.tracing.settings import TraceSettings
+    from biodyn_ros.events.finding import SessionOptions
+    from biodyn_ros.fit.fitting import FitOptions
+    from biodyn_ros.subject.making import SubjectOptions
+    from biodyn_ros.trace.tracing import TraceOptions
+    from biodyn_ros.validate.validating import ValidateOptions
+
+    if not 3 <= options.per_case <= 200:
+        raise InputError(f"--per-case {options.per_case}: allowed are 3 to 200")
+    reading = reading_of(options)
+    session = SessionOptions(
+        reading.mapping, reading.time, reading.conditioning, reading.vertical, settings_of(options, SessionSettings),
+        options.cases,
+    )  # fmt: skip
+    base = FitSettings()
+    fitting = settings_of(options, FitSettings, base)
+    return SubjectOptions(
+        seed=options.seed,
+        per_case=options.per_case,
+        session=session,
+        fit=FitOptions(reading=reading, settings=dataclasses.replace(fitting, swarm=base.swarm)),
+        validate=ValidateOptions(reading=reading),
+        trace=TraceOptions(reading=reading, settings=settings_of(options, TraceSettings)),
+        report=not options.no_report,
+    )
+
+
+COMMAND = Command(
+    line="makes a subject from sessions in one go",
+    examples=(
+        "biodyn subject session.mcap --subject anna.yaml -o anna",
+        "biodyn subject session.mcap session_2.mcap --subject anna.yaml -o anna --cases conditions.csv",
+    ),
+    add=_add,
+    run=_run,
+)

@@ -1,0 +1,66 @@
+"""The page of a made subject: what was done, step by step, with links to the pages of the steps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from biodyn_ros import __version__
+from biodyn_ros.reports.pages import check_reports, render
+from biodyn_ros.reports.verdict import Verdict
+from biodyn_ros.subject.making import RESULT, VALIDATED, MadeSubject
+from biodyn_ros.subject.steps import Step
+from biodyn_ros.subject.wording import FILES, PAGES, TITLES, result_line, sentence_of
+
+
+def subject_page(made: MadeSubject) -> str:
+    """The page; raises InputError where jinja2 or matplotlib is missing."""
+    check_reports()
+    return render(
+        "subject.html.j2",
+        made=made,
+        steps=[_step(step, made) for step in made.steps.values()],
+        verdict=verdict_of(made),
+        result=RESULT if (made.directory / RESULT).exists() else None,
+        validated=_validated(made),
+        used=[(part, made.used.uses[str(part)]) for part in _parts(made)] if made.used else [],
+        version=__version__,
+    )
+
+
+def verdict_of(made: MadeSubject) -> Verdict:
+    """The result, and the steps that were not possible."""
+    lines = [f"{TITLES[step.name]}: {step.reason.rstrip('.')}." for step in made.steps.values() if step.state != "done"]
+    tone = "bad" if made.steps["fit"].state != "done" else "warn" if lines else "none"
+    line = result_line(made)
+    return Verdict(tone, line[0].upper() + line[1:], tuple(lines))
+
+
+def _step(step: Step, made: MadeSubject) -> dict[str, Any]:
+    def existing(path: str | None) -> str | None:
+        return quote(path) if path and (made.directory / path).exists() else None
+
+    return {
+        "title": TITLES[step.name],
+        "step": step,
+        "sentence": sentence_of(step, made.used),
+        "page": existing(PAGES.get(step.name)),
+        "file": existing(FILES.get(step.name)),
+    }
+
+
+def _validated(made: MadeSubject) -> list[dict[str, Any]]:
+    """The validated events with their pages."""
+    step = made.steps["validate"]
+    found = []
+    for event in step.facts.get("events", ()):
+        page = Path(VALIDATED) / event["name"] / "validate.html"
+        link = quote(str(page)) if (made.directory / page).exists() else None
+        found.append({**event, "page": link})
+    return found
+
+
+def _parts(made: MadeSubject) -> list[Any]:
+    assert made.used is not None
+    return sorted((*made.used.fit, *made.used.held_out), key=lambda part: (str(part.path), part.begin_s))

@@ -1,0 +1,68 @@
+"""Wording: each step's result in one sentence, for the terminal and the page."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any, Final
+
+from biodyn_core.base.wording import counted, number
+from biodyn_ros.base.wording import duration
+from biodyn_ros.subject.making import EVENTS, FITTED, MadeSubject
+from biodyn_ros.subject.steps import Step
+from biodyn_ros.subject.uses import UsedEvents
+
+TITLES: Final = {"events": "Events", "fit": "Fit", "validate": "Validation", "trace": "Missing effect"}
+PAGES: Final = {"events": "events.html", "fit": "fitted.fit.html", "trace": "trace/trace.html"}
+FILES: Final = {"events": EVENTS, "fit": FITTED, "trace": "trace/trace.json"}
+
+
+def sentence_of(step: Step, used: UsedEvents | None) -> str:
+    """The result of a step, or the reason for its absence."""
+    if step.state != "done":
+        return step.reason
+    return _SENTENCES[step.name](step.facts, used)
+
+
+def _events(facts: Mapping[str, Any], used: UsedEvents | None) -> str:
+    session = f"{duration(facts['seconds'], at_most=True)} with {counted(facts['rests'], 'rest')}"
+    if used is None:
+        return session
+    counts = Counter(used.uses.values())
+    events = counted(len(used.uses) + used.unused, "event")
+    uses = f"{counts['fit']} to fit, {counts['choose']} to choose an effect, {counts['report']} only predicted"
+    return f"{events} in {session}; {len(used.uses)} of them are used: {uses}"
+
+
+def _fit(facts: Mapping[str, Any], _: UsedEvents | None) -> str:
+    return (
+        f"mean error {number(facts['fitted_percent'])} % of the rms in the events fitted to,"
+        f" {number(facts['held_out_percent'])} % in the others"
+    )
+
+
+def _validate(facts: Mapping[str, Any], _: UsedEvents | None) -> str:
+    if not facts["events"]:
+        return "no event is left to validate on: a condition with three events has one"
+    verdicts = Counter(event["verdict"] for event in facts["events"])
+    known = [event["mean_percent"] for event in facts["events"] if event["mean_percent"] is not None]
+    each = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
+    mean = f"; mean error {number(sum(known) / len(known))} %" if known else ""
+    return f"{counted(len(facts['events']), 'event')} that nothing was fitted to: {each}{mean}"
+
+
+def _trace(facts: Mapping[str, Any], _: UsedEvents | None) -> str:
+    return str(facts["headline"]).rstrip(".")
+
+
+_SENTENCES: Final = {"events": _events, "fit": _fit, "validate": _validate, "trace": _trace}
+
+
+def result_line(made: MadeSubject) -> str:
+    """The subject that results, or why there is none."""
+    trace, fit = made.steps["trace"], made.steps["fit"]
+    if fit.state != "done":
+        return "no subject: nothing was fitted"
+    if trace.state == "done" and trace.facts["adds"]:
+        return "subject.yaml has the fitted parameters and the added effect"
+    return "subject.yaml has the fitted parameters, without an added effect"
