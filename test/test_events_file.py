@@ -12,13 +12,10 @@ import numpy as np
 import pytest
 import yaml
 from pages import NASTY, Page, empty_drawings
+from session_bags import session_bag
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.body.subject import load_subject
-from biodyn_core.body.synthesis import SeatMotion
-from biodyn_core.body.synthesis_settings import SensorSettings
 from biodyn_core.tracing.settings import FloorSettings
-from biodyn_ros.base.resources import subject_file
 from biodyn_ros.commands.cli import main
 from biodyn_ros.events.drawings import COLUMNS, decimated, timeline, timeline_rows
 from biodyn_ros.events.finding import SessionOptions, find_events, read_spans, spans_of
@@ -30,9 +27,7 @@ from biodyn_ros.reading.events_file import FoundSession, load_events, write_even
 from biodyn_ros.reading.given import bags_of
 from biodyn_ros.reading.marks import Mark
 from biodyn_ros.reading.parts import part_of
-from biodyn_ros.simulate import motion_of_cases, simulate_bag
 
-SUBJECT = load_subject(subject_file("subject_1"))
 SMALL = ["--particles", "12", "--iterations", "10", "--starts", "1", "--refined-starts", "1", "--evaluations", "40"]
 
 
@@ -40,15 +35,7 @@ SMALL = ["--particles", "12", "--iterations", "10", "--starts", "1", "--refined-
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session of two drives between rests, and its events file."""
     at = tmp_path_factory.mktemp("events")
-    still = SeatMotion(4 * 1129.3, np.zeros((round(4 * 1129.3 * 5), 3)), np.zeros(round(4 * 1129.3 * 5)))
-    drives = [motion_of_cases([case], 12.0, seed) for seed, case in enumerate(("road", "pothole", "rail", "road"))]
-    parts = [still, *(part for drive in drives for part in (drive, still))]
-    motion = SeatMotion(
-        still.rate_hz,
-        np.concatenate([part.accel_mps2 for part in parts]),
-        np.concatenate([part.pitch_rate_radps for part in parts]),
-    )
-    simulate_bag(at / "session.mcap", SUBJECT, motion, 4, SensorSettings())
+    session_bag(at / "session.mcap")
     write_events([find_events(at / "session.mcap")], at / "session.events.yaml")
     return at
 

@@ -21,7 +21,7 @@ from biodyn_ros.commands.arguments import (
     show,
 )
 from biodyn_ros.commands.command import Command
-from biodyn_ros.commands.parsing import CommandParser
+from biodyn_ros.commands.parsing import EXIT_INPUT, CommandParser
 
 if TYPE_CHECKING:
     from biodyn_ros.subject.making import SubjectOptions
@@ -32,10 +32,9 @@ def _add(command: CommandParser) -> None:
     from biodyn_core.sessions.settings import SessionSettings
     from biodyn_core.tracing.settings import TraceSettings
 
-    command.add_argument("bag", nargs="+", metavar="SESSION", help="bags of one person")
-    command.add_argument(
-        "--subject", required=True, metavar="S", help="subject file, with or without parameters, or a bundled name"
-    )
+    command.add_argument("bag", nargs="*", metavar="SESSION", help="bags of one person")
+    command.add_argument("--subject", metavar="S", help="subject file, with or without parameters, or a bundled name")
+    command.add_argument("--campaign", metavar="FILE", help="many people, from a file; each has a directory in DIR")
     command.add_argument(
         "--cases", default="seat", metavar="HOW", help="loading conditions, as in biodyn events (default seat)"
     )
@@ -54,36 +53,67 @@ def _add(command: CommandParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
+    from biodyn_ros.base.files import check_directory
+
+    if bool(options.campaign) == bool(options.bag and options.subject):
+        raise InputError("SESSION... and --subject are needed, or --campaign alone; biodyn subject -h shows how")
+    check_directory(Path(options.output))
+    check_reports(options)
+    return _people(options) if options.campaign else _one(options)
+
+
+def _one(options: argparse.Namespace) -> int:
     from biodyn_core.body.parameters import UNFITTED
     from biodyn_core.body.subject import load_subject
-    from biodyn_ros.base.files import check_directory, remove
     from biodyn_ros.base.resources import subject_file
-    from biodyn_ros.subject.making import PAGE, Helpers, make_subject
+    from biodyn_ros.subject.making import Helpers, make_subject, write_page
     from biodyn_ros.subject.text import document_of, text_of
     from biodyn_ros.work.executor_map import parallel_map
     from biodyn_ros.work.executors import executor_of
 
-    directory = Path(options.output)
-    check_directory(directory)
-    check_reports(options)
-    how = how_of(options)
+    directory, how = Path(options.output), how_of(options)
     subject = load_subject(subject_file(options.subject), UNFITTED)
     try:
         with executor_of(options.executor) as executor, parallel_map(executor) as parallel:
             helpers = Helpers(executor, parallel, Progress, lambda line: print(line, file=sys.stderr))
             made = make_subject(options.bag, subject, directory, how, helpers)
     except KeyboardInterrupt:
-        print(f"biodyn subject: {directory} keeps the finished steps; repeat the command to continue", file=sys.stderr)
+        _say_kept(directory)
+        raise
+    write_page(made, how.report)
+    show(options, document_of(made), text_of(made))
+    return 0 if made.steps["fit"].state == "done" else EXIT_INPUT
+
+
+def _people(options: argparse.Namespace) -> int:
+    from biodyn_ros.base.files import remove
+    from biodyn_ros.subject.making import PAGE
+    from biodyn_ros.subject.people import check_failed, load_people, make_people, people_document
+    from biodyn_ros.subject.people_page import people_page, text_of
+    from biodyn_ros.work.executors import executor_of
+
+    if options.bag or options.subject or options.cases != "seat":
+        raise InputError("SESSION, --subject and --cases belong to each person: give them in the campaign file")
+    people, directory, how = load_people(options.campaign), Path(options.output), how_of(options)
+    try:
+        with executor_of(options.executor) as executor, Progress("people") as progress:
+            rows = make_people(people, directory, how, executor, progress)
+    except KeyboardInterrupt:
+        _say_kept(directory)
         raise
     if options.no_report:
         remove(directory / PAGE)
     else:
         from biodyn_ros.reports.pages import write_drawn  # needs the extra `reports`
-        from biodyn_ros.subject.page import subject_page
 
-        write_drawn(directory / PAGE, lambda: subject_page(made))
-    show(options, document_of(made), text_of(made))
-    return 0 if made.steps["fit"].state == "done" else 2
+        write_drawn(directory / PAGE, lambda: people_page(rows, directory))
+    show(options, people_document(rows), text_of(rows))
+    check_failed(rows, directory)
+    return 0
+
+
+def _say_kept(directory: Path) -> None:
+    print(f"biodyn subject: {directory} keeps the finished steps; repeat the command to continue", file=sys.stderr)
 
 
 def how_of(options: argparse.Namespace) -> SubjectOptions:
@@ -122,6 +152,7 @@ COMMAND = Command(
     examples=(
         "biodyn subject session.mcap --subject anna.yaml -o anna",
         "biodyn subject session.mcap session_2.mcap --subject anna.yaml -o anna --cases conditions.csv",
+        "biodyn subject --campaign people.yaml -o people --executor processes:4",
     ),
     add=_add,
     run=_run,

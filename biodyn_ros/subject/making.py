@@ -93,6 +93,18 @@ def make_subject(
     return MadeSubject(given.name, directory, steps.log.steps, used)
 
 
+def write_page(made: MadeSubject, report: bool) -> None:
+    """Write the page of a made subject; without a report, an earlier one is removed."""
+    path = made.directory / PAGE
+    if not report:
+        remove(path)
+        return
+    from biodyn_ros.reports.pages import write_drawn  # an extra of its own
+    from biodyn_ros.subject.page import subject_page
+
+    write_drawn(path, lambda: subject_page(made))
+
+
 class _Steps:
     """The steps of one directory, each by the functions of its own command."""
 
@@ -162,7 +174,9 @@ class _Steps:
 
         def work() -> dict[str, Any]:
             kept = PartStore(self._directory / f"{TRACED}.kept.json")
-            traced = trace_bags(used.fit, subject, how, kept, self._helpers.say, self._helpers.parallel)
+            traced = trace_bags(
+                used.fit, subject, how, kept, self._helpers.say, self._helpers.parallel, self._helpers.monitor
+            )
             write_traced(traced, directory, o.report, None if traced.trace.adds else subject.to_yaml())
             return {"verdict": traced.trace.verdict, "headline": headline(traced.trace), "adds": traced.trace.adds}
 

@@ -11,7 +11,7 @@ from biodyn_ros.subject.wording import result_line, sentence_of
 def text_of(made: MadeSubject) -> str:
     """One line for each step, and the result."""
     lines = [f"{step.name:<9} {step.state:<8} {sentence_of(step, made.used)}" for step in made.steps.values()]
-    return "\n".join([f"{made.name}: {made.directory}", *lines, f"result: {result_line(made)}"])
+    return "\n".join([f"{made.name}: {made.directory}", *lines, result_line(made)])
 
 
 def document_of(made: MadeSubject) -> dict[str, Any]:

@@ -62,7 +62,7 @@ def result_line(made: MadeSubject) -> str:
     """The subject that results, or why there is none."""
     trace, fit = made.steps["trace"], made.steps["fit"]
     if fit.state != "done":
-        return "no subject: nothing was fitted"
+        return "there is no resulting subject: nothing was fitted"
     if trace.state == "done" and trace.facts["adds"]:
-        return "subject.yaml has the fitted parameters and the added effect"
-    return "subject.yaml has the fitted parameters, without an added effect"
+        return "the resulting subject has the fitted parameters and the added effect"
+    return "the resulting subject has the fitted parameters, without an added effect"

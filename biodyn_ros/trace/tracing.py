@@ -63,11 +63,12 @@ def trace_bags(
     kept: MutableMapping[str, Any] | None = None,
     say: Callable[[str], None] = lambda line: None,
     parallel: ParallelMap = serial_map,
+    monitor: Monitor = Progress,
 ) -> Report:
     """Trace bags; raises InputError, one line, for bags that cannot be read or compared.
 
     kept: the checkpoint of earlier traces, such as a `PartStore`. say: gets the use of each bag before the long work.
-    parallel: as `trace`.
+    parallel: as `trace`. monitor: of progress.
     """
     from biodyn_core.tracing.trace import trace  # late: refused bags do not need it
 
@@ -75,13 +76,13 @@ def trace_bags(
     check_bags(bags, o.held_out, o.cases)
     # Every further channel makes effects testable.
     reading = EventOptions(o.cases, dataclasses.replace(o.reading, channels=True), o.spectra, o.preparing)
-    with Progress("reading") as progress:
+    with monitor("reading") as progress:
         events = read_events(bags, o.held_out, reading, progress)
     prepared, how_dealt = _divided(events.prepared, o)
     fitted, spare = ([case for event, case in prepared if event.held_out is out] for out in (False, True))
     for line in _uses(fitted, spare, o):
         say(line)
-    with stage_lines(Progress) as on_stage:
+    with stage_lines(monitor) as on_stage:
         found = trace(
             fitted, spare, subject,
             settings=o.settings, seed=o.seed, on_stage=on_stage, checkpoint=kept, parallel=parallel,

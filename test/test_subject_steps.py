@@ -1,0 +1,265 @@
+"""`biodyn subject`: all steps in one go, used again while they fit, reasons where a step is not possible; campaigns."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import shutil
+import signal
+from pathlib import Path
+
+import pytest
+import yaml
+from pages import Page, empty_drawings
+from session_bags import session_bag
+
+from biodyn_core.base.errors import InputError
+from biodyn_core.base.parallel import serial_map
+from biodyn_core.body.parameters import UNFITTED
+from biodyn_core.body.subject import Subject, load_subject
+from biodyn_core.identification.phase1 import SwarmSettings
+from biodyn_core.identification.settings import FitSettings
+from biodyn_ros.base.progress import silent
+from biodyn_ros.base.resources import subject_file
+from biodyn_ros.commands.cli import main
+from biodyn_ros.events.finding import find_events
+from biodyn_ros.fit.fitting import FitOptions
+from biodyn_ros.reading.events_file import write_events
+from biodyn_ros.reading.parts import BagPart
+from biodyn_ros.reading.provenance import role_of, source_of
+from biodyn_ros.subject.making import Helpers, MadeSubject, SubjectOptions, make_subject, write_page
+from biodyn_ros.subject.people import Person, load_people, make_people
+from biodyn_ros.subject.people_page import people_page, text_of, verdict_of
+from biodyn_ros.subject.steps import StepLog, key_of
+from biodyn_ros.subject.text import document_of
+from biodyn_ros.subject.uses import used_events
+from biodyn_ros.work.executors import executor_of
+
+SUBJECT = load_subject(subject_file("subject_1"))
+UNKNOWN = dataclasses.replace(SUBJECT, name="anna", parameters=UNFITTED)
+QUICK = FitSettings(swarm=SwarmSettings(particles=20, iterations=30, starts=1), refined_starts=1, evaluations=100)
+OPTIONS = SubjectOptions(fit=FitOptions(settings=QUICK), report=False)
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return session_bag(tmp_path_factory.mktemp("session") / "session.mcap")
+
+
+def make(
+    bag: Path, directory: Path, given: Subject = UNKNOWN, options: SubjectOptions = OPTIONS
+) -> tuple[MadeSubject, list[str]]:
+    """A made subject, and the lines that were said."""
+    lines: list[str] = []
+    return make_subject([str(bag)], given, directory, options, Helpers(None, serial_map, silent, lines.append)), lines
+
+
+@pytest.fixture(scope="module")
+def made(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> MadeSubject:
+    with empty_drawings():
+        return make(bag, tmp_path_factory.mktemp("made"), options=dataclasses.replace(OPTIONS, report=True))[0]
+
+
+# --- one subject -----------------------------------------------------------------------------------------------------
+
+
+def test_all_steps_are_done_and_nothing_is_fitted_to_and_reported_on(made: MadeSubject, bag: Path) -> None:
+    assert [(step.name, step.state) for step in made.steps.values()] == [
+        ("events", "done"), ("fit", "done"), ("validate", "done"), ("trace", "done"),
+    ]  # fmt: skip
+    result = load_subject(made.directory / "subject.yaml")
+    assert made.used is not None and result.parameters != SUBJECT.parameters
+    fitted = json.loads((made.directory / "fitted.fit.json").read_text())
+    for part in made.used.fit:
+        assert role_of(result, source_of(part)) == "fitted"
+    held = {event["bag"] for event in fitted["held_out"] if event["why"] == "held out"}
+    assert held == {str(part) for part in made.used.held_out}
+    assert not held & {case["bag"] for case in fitted["cases"]}
+    traced = json.loads((made.directory / "trace" / "trace.json").read_text())
+    assert {each["use"] for each in traced["bags"] if each["bag"] in held} <= {"choose", "held_out"}
+
+
+def test_the_page_tells_every_step_with_links_that_exist(made: MadeSubject) -> None:
+    with empty_drawings():
+        write_page(made, report=True)
+    source = (made.directory / "index.html").read_text()
+    page = Page(source)
+    for title in ("1. Events", "2. Fit", "3. Validation", "4. Missing effect", "Use of the events"):
+        assert title in page.text
+    links = [part.split('"')[0] for part in source.split('href="')[1:]]
+    assert {"events.html", "events.yaml", "fitted.fit.html", "fitted.yaml", "trace/trace.html", "subject.yaml"} <= set(
+        links
+    )
+    assert all((made.directory / link).exists() for link in links if "://" not in link and not link.startswith("#"))
+    write_page(made, report=False)
+    assert not (made.directory / "index.html").exists()
+
+
+def test_steps_are_used_again_while_they_fit(made: MadeSubject, bag: Path) -> None:
+    directory = made.directory.with_name("again")  # from where the bag has the same relative path
+    shutil.copytree(made.directory, directory)
+    again, lines = make(bag, directory)
+    assert lines == [f"{name}: done, used again" for name in ("events", "fit", "validate", "trace")]
+    assert document_of(again)["uses"].keys() != {} and again.is_complete
+    (directory / "fitted.yaml").unlink()
+    _, lines = make(bag, directory)
+    assert lines[0] == "events: done, used again" and lines[1].startswith("fit: done,") and "again" not in lines[1]
+    # An event that was deleted by hand is not used, and what depends on it is done again.
+    document = yaml.safe_load((directory / "events.yaml").read_text())
+    gone = document["events"].pop(0)["name"]
+    (directory / "events.yaml").write_text(yaml.safe_dump(document))
+    edited, lines = make(bag, directory)
+    assert lines[0] == "events: done, used again" and "again" not in lines[1]
+    assert edited.used is not None and gone not in {part.name for part in (*edited.used.fit, *edited.used.held_out)}
+
+
+def test_an_interrupted_run_continues(bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("biodyn_ros.subject.making.fit_bags", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        make(bag, tmp_path)
+    assert [step["name"] for step in json.loads((tmp_path / "subject.json").read_text())["steps"]] == ["events"]
+    monkeypatch.undo()
+    _, lines = make(bag, tmp_path)
+    assert lines[0] == "events: done, used again" and lines[1].startswith("fit: done")
+
+
+def test_a_step_that_fails_has_its_reason_and_the_rest_goes_on(bag: Path, tmp_path: Path) -> None:
+    """The fit has a profile of no parameter; the trace has the given subject."""
+    refused = dataclasses.replace(OPTIONS.fit, profiles=("nothing",))
+    found, _ = make(bag, tmp_path, options=dataclasses.replace(OPTIONS, fit=refused))
+    states = {step.name: step.state for step in found.steps.values()}
+    assert states == {"events": "done", "fit": "failed", "validate": "skipped", "trace": "done"}
+    assert "'nothing' is not a fitted parameter" in found.steps["fit"].reason
+    assert not (tmp_path / "subject.yaml").exists() and not found.is_complete
+    with empty_drawings():
+        write_page(found, report=True)
+    text = Page((tmp_path / "index.html").read_text()).text
+    assert "There is no resulting subject" in text and "without a fit there is nothing to validate" in text
+
+
+def test_a_session_without_events_is_refused(tmp_path: Path) -> None:
+    short = session_bag(tmp_path / "still.mcap", cases=())
+    with pytest.raises(InputError, match=r"still\.mcap: no event in 7\.0 s"):
+        make(short, tmp_path / "out")
+
+
+def test_a_damaged_log_is_one_line(bag: Path, tmp_path: Path) -> None:
+    (tmp_path / "subject.json").write_text("{")
+    with pytest.raises(InputError, match=r"subject\.json: .*; remove it to start anew"):
+        make(bag, tmp_path)
+
+
+def test_a_log_of_another_version_is_not_used(tmp_path: Path) -> None:
+    path = tmp_path / "subject.json"
+    path.write_text(json.dumps({"schema": 1, "version": "0", "steps": []}))
+    log = StepLog(path)
+    assert log.run("fit", key_of(1), [], dict).state == "done" and log.steps["fit"].again is False
+    assert (
+        StepLog(path).run("fit", key_of(1), [], dict).again and not StepLog(path).run("fit", key_of(2), [], dict).again
+    )
+
+
+# --- uses ------------------------------------------------------------------------------------------------------------
+
+
+def test_events_are_chosen_over_all_levels_and_dealt() -> None:
+    parts = [BagPart(Path("a"), 10.0 * k, 10.0 * k + 5.0, "road", level_mps2=0.1 * k, name=f"r{k}") for k in range(40)]
+    used = used_events(parts, 12, seed=0)
+    levels = sorted(part.level_mps2 for part in (*used.fit, *used.held_out))
+    assert len(levels) == 12 and used.unused == 28 and (levels[0], levels[-1]) == (0.0, pytest.approx(3.9))
+    assert (len(used.fit), len(used.report)) == (6, 3)
+    assert [used.uses[str(part)] for part in used.held_out] == ["choose", "report"] * 3
+    assert used_events(parts, 12, seed=1).uses != used.uses == used_events(parts, 12, seed=0).uses
+
+
+# --- command ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_command_says_what_is_missing(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for line, message in (
+        ([str(bag), "-o", "x"], "SESSION... and --subject are needed, or --campaign alone"),
+        ([str(bag), "--subject", "subject_1", "-o", "x", "--per-case", "2"], "--per-case 2: allowed are 3 to 200"),
+        (["--campaign", str(tmp_path / "no.yaml"), "-o", "x"], "no.yaml: cannot be read"),
+    ):
+        assert main(["subject", *line]) == 2
+        assert message in capsys.readouterr().err
+
+
+# --- people ----------------------------------------------------------------------------------------------------------
+
+
+def people_file(folder: Path, text: str) -> Path:
+    path = folder / "people.yaml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("people: []", "people: expected a list of at least one person"),
+        ("people: [{subject: subject_1}]", r"people\[0\]: key 'sessions' is missing"),
+        ("people: [{subject: subjct_1, sessions: [a.mcap]}]", r"people\[0\]\.subject: no subject file subjct_1"),
+        ("people: [{subject: subject_1, sessions: [a.mcap]}]", r"sessions: there is no .*a\.mcap: paths are relative"),
+        ("people: [{subject: subject_1, sessions: [s.mcap], name: a/b}]", "'a/b' cannot be the name of a directory"),
+        ("people: [{subject: subject_1, sessions: [s.mcap], cases: x.csv}]", r"cases: there is no .*x\.csv"),
+        (
+            "people: [{subject: subject_1, sessions: [s.mcap]}, {subject: subject_1, sessions: [s.mcap]}]",
+            "two people have the name subject_1: set a name",
+        ),
+    ],
+)
+def test_a_wrong_file_of_people_is_one_line(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "s.mcap").touch()
+    with pytest.raises(InputError, match=message) as error:
+        load_people(people_file(tmp_path, text))
+    assert "\n" not in str(error.value)
+
+
+def test_people_are_read_with_paths_from_their_file(tmp_path: Path) -> None:
+    (tmp_path / "s.mcap").touch()
+    (person,) = load_people(people_file(tmp_path, "people: [{subject: subject_1, sessions: [s.mcap], name: anna}]"))
+    assert person == Person("anna", SUBJECT, (str(tmp_path / "s.mcap"),), "seat")
+
+
+def test_one_that_fails_does_not_stop_the_others(bag: Path, tmp_path: Path) -> None:
+    still = session_bag(tmp_path / "still.mcap", cases=())
+    people = [Person("ben", UNKNOWN, (str(still),), "seat"), Person("anna", UNKNOWN, (str(bag),), "seat")]
+    seen: list[tuple[int, int]] = []
+    rows = make_people(people, tmp_path / "out", OPTIONS, None, lambda done, total: seen.append((done, total)))
+    assert [(row.name, row.state) for row in rows] == [("ben", "failed"), ("anna", "done")]
+    assert "no event in" in rows[0].error and seen == [(1, 2), (2, 2)]
+    stored = json.loads((tmp_path / "out" / "people.json").read_text())["people"]
+    assert [each["name"] for each in stored] == ["ben", "anna"]
+    assert "ben" in text_of(rows) and verdict_of(rows).headline == "1 of 2 people done"
+    with empty_drawings():
+        assert "no event in" in Page(people_page(rows, tmp_path / "out")).text
+
+
+def killed_once(person: Person, directory: Path, options: SubjectOptions) -> dict[str, object]:
+    """In the place of `make_person`: finds the events, and the first worker of ben dies after that."""
+    directory.mkdir(exist_ok=True)
+    write_events([find_events(person.sessions[0], options.session)], directory / "events.yaml")
+    mark = directory.parent / "died"
+    if person.name == "ben" and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return {"uses": {}}
+
+
+@pytest.mark.parametrize("where", ["processes:2", "cluster"])
+def test_a_campaign_ends_complete_although_a_worker_is_killed(
+    bag: Path, tmp_path: Path, where: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    address = request.getfixturevalue("cluster") if where == "cluster" else where
+    monkeypatch.setattr("biodyn_ros.subject.people.make_person", killed_once)
+    people = [Person(name, UNKNOWN, (str(bag),), "seat") for name in ("anna", "ben")]
+    with executor_of(address) as executor:
+        rows = make_people(people, tmp_path, OPTIONS, executor, lambda done, total: None)
+    assert (tmp_path / "died").exists() and [row.state for row in rows] == ["done", "done"]
+    one, other = ((tmp_path / name / "events.yaml").read_text() for name in ("anna", "ben"))
+    assert one == other
