@@ -1,4 +1,4 @@
-"""`python -m bench [start] [ode] [effects] [bag] [replay] [live] [fit]`: benchmarks with targets and baselines."""
+"""`python -m bench [NAME ...]`: benchmarks with targets and baselines; all, or those of `NAMES`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from bench.machine import machine
 from bench.table import render
 
-NAMES = ("start", "ode", "effects", "bag", "replay", "live", "fit")
+NAMES = ("start", "ode", "effects", "bag", "replay", "sessions", "live", "fit")
 
 
 def main(arguments: list[str]) -> int:

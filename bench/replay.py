@@ -133,10 +133,10 @@ def _child(task: str, bag: str, directory: str) -> Cost:
     else:
         replay_to_directory(bag, subject, out, predicted=task == "predicted", report=False)
     cpu_s = time.process_time() - begin
-    return Cost(cpu_s, _peak_mb(), _messages(out / "predicted.mcap") if task == "predicted" else 0)
+    return Cost(cpu_s, peak_mb(), _messages(out / "predicted.mcap") if task == "predicted" else 0)
 
 
-def _peak_mb() -> float:
+def peak_mb() -> float:
     """The peak of resident memory; not ru_maxrss, which a child inherits from its parent."""
     lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
     return int(next(line.split()[1] for line in lines if line.startswith("VmHWM"))) / 1024.0

@@ -1,6 +1,6 @@
-"""`python -m blind [recovery | tracing ... | laws ... | train ...]`: a study, or both blind ones without a name.
+"""`python -m blind [recovery | sessions ... | tracing ... | laws ... | train ...]`: a study.
 
-The exit code is 1 for a missed mark.
+Without a name recovery and tracing run. The exit code is 1 for a missed mark.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 
 from blind.recovery import __main__ as recovery
+from blind.sessions import __main__ as sessions
 from blind.tracing import __main__ as tracing
 from blind.tracing import laws
 from blind.training import __main__ as training
@@ -23,12 +24,15 @@ def main(arguments: Sequence[str]) -> int:
         return recovery.main()
     if name == "tracing":
         return tracing.main(rest)
+    if name == "sessions":
+        return sessions.main(rest)
     if name == "laws":
         return laws.main(rest)
     if name == "train":
         return training.main(rest)
     print(
-        f"blind: {' '.join(arguments)!r} is no study; known are recovery, and with options tracing, laws, train",
+        f"blind: {' '.join(arguments)!r} is no study; known are recovery, and with options sessions, tracing, laws,"
+        " train",
         file=sys.stderr,
     )
     return 2

@@ -37,7 +37,7 @@ from biodyn_ros.simulate import motion_of_cases, simulate_bag
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = [example for name in NAMES for example in command_of(name).examples]
-TOO_LONG = ("fit", "trace", "demo", "play", "live", "page")
+TOO_LONG = ("fit", "subject", "trace", "demo", "play", "live", "page")
 """Commands whose examples are parsed, not run: they take minutes, or never end."""
 
 WITHOUT_JSON = {"demo", "live", "page", "completion"}

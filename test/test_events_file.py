@@ -11,22 +11,27 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from listed import assert_listed
 from pages import NASTY, Page, empty_drawings
 from session_bags import session_bag
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.sessions.settings import SessionSettings
 from biodyn_core.tracing.settings import FloorSettings
+from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.commands.cli import main
 from biodyn_ros.events.drawings import COLUMNS, decimated, timeline, timeline_rows
-from biodyn_ros.events.finding import SessionOptions, find_events, read_spans, spans_of
+from biodyn_ros.events.finding import SessionOptions, find_events, find_sessions, read_spans, spans_of
 from biodyn_ros.events.lacking import contents, lacking_for_fit, lacking_for_trace
 from biodyn_ros.events.page import events_page
 from biodyn_ros.events.text import MOST_ROWS, text_of
 from biodyn_ros.reading.dealing import TO_FIT, TO_TRACE, Dealable, deal
 from biodyn_ros.reading.events_file import FoundSession, load_events, write_events
 from biodyn_ros.reading.given import bags_of
+from biodyn_ros.reading.gravity import gravity_by_bag
 from biodyn_ros.reading.marks import Mark
 from biodyn_ros.reading.parts import part_of
+from biodyn_ros.reading.sensors import ReadingOptions
 
 SMALL = ["--particles", "12", "--iterations", "10", "--starts", "1", "--refined-starts", "1", "--evaluations", "40"]
 
@@ -104,6 +109,68 @@ def test_bags_parts_and_events_are_given_together(place: Path) -> None:
     assert given[-2] == "a.mcap" and str(given[-1]) == "b.mcap@1..2" and len(given) > 4
 
 
+# --- several files and folders ---------------------------------------------------------------------------------------
+
+
+def cut(bag: Path, folder: Path, spans_s: list[tuple[float, float]]) -> Path:
+    """A recording of several files, each with the messages logged between two times."""
+    folder.mkdir()
+    with open_bag(bag) as reader:
+        begin_ns = reader.start_ns or 0
+        for number, (begin_s, end_s) in enumerate(spans_s):
+            with BagWriter(folder / f"drive_{number}.mcap") as writer:
+                for block in reader.blocks():
+                    since_s = 1e-9 * (block.log_ns - begin_ns)
+                    rows = np.flatnonzero((since_s >= begin_s) & (since_s < end_s))
+                    writer.add_topic(block.topic, block.type)
+                    if rows.size:
+                        messages = np.frombuffer(b"".join(block.messages()), np.uint8).reshape(len(block), -1)
+                        writer.write(block.topic, block.log_ns[rows], messages[rows])
+    return folder
+
+
+def test_a_split_recording_is_one_session(place: Path, found: FoundSession, tmp_path: Path) -> None:
+    folder = cut(place / "session.mcap", tmp_path / "split", [(0.0, 30.0), (30.0, 45.0), (45.0, 99.0)])
+    split = find_events(folder)
+    assert split.findings.events == found.findings.events and split.findings.rests == found.findings.rests
+    assert split.warnings == tuple(line for line in found.warnings if "made by the model" not in line)
+
+
+def test_seams_are_checked(place: Path, tmp_path: Path) -> None:
+    with open_bag(cut(place / "session.mcap", tmp_path / "gap", [(0.0, 30.0), (34.0, 99.0)])) as reader:
+        assert "drive_1.mcap begins 4.0 s after the end of drive_0.mcap: a part is missing" in reader.warnings
+    gap = find_events(tmp_path / "gap")
+    assert [fault.kind for fault in gap.findings.faults if fault.sensor == "seat"] == ["missing"]
+    with open_bag(cut(place / "session.mcap", tmp_path / "back", [(0.0, 30.0), (20.0, 99.0)])) as reader:
+        assert "drive_1.mcap begins 10.0 s before the end of drive_0.mcap: was a clock set?" in reader.warnings
+
+
+def test_a_folder_without_rest_uses_the_rest_of_another(place: Path, tmp_path: Path) -> None:
+    """The second folder begins in motion, 12 s after the rest at the end of the first."""
+    first = cut(place / "session.mcap", tmp_path / "first", [(0.0, 22.0)])
+    second = cut(place / "session.mcap", tmp_path / "second", [(24.0, 34.5)])
+    with pytest.raises(InputError, match="the same recording"):
+        find_sessions([first, first], SessionOptions(), lambda done, total: None)
+    settings = SessionOptions(session=SessionSettings(steady_least_s=3.0))
+    sessions = find_sessions([first, second], settings, lambda done, total: None)
+    assert sessions[1].findings.rests == () and sessions[1].borrowed is not None
+    write_events(sessions, tmp_path / "both.yaml")
+    parts = [part for part in load_events(tmp_path / "both.yaml") if part.path == tmp_path / "second"]
+    assert parts and all(part.rest_bag == tmp_path / "first" for part in parts)
+    gravity, whole = gravity_by_bag([parts[0], place / "session.mcap"], ReadingOptions(), {})
+    assert all(gravity[sensor].mean_mps2 == pytest.approx(whole[sensor].mean_mps2, abs=0.02) for sensor in whole)
+    with empty_drawings():
+        assert "of first" in Page(events_page(sessions)).text
+
+
+def test_folders_that_overlap_in_time_are_reported(place: Path, tmp_path: Path) -> None:
+    one = cut(place / "session.mcap", tmp_path / "one", [(0.0, 40.0)])
+    sessions = find_sessions([one, place / "session.mcap"], SessionOptions(), lambda done, total: None)
+    assert all(any("overlap those of" in line for line in each.warnings) for each in sessions)
+    names = [event.name for each in sessions for event in each.findings.events]
+    assert len(names) == len(set(names))
+
+
 # --- commands --------------------------------------------------------------------------------------------------------
 
 
@@ -115,6 +182,7 @@ def test_a_subject_is_fitted_and_validated_on_events(
     line = ["fit", events, "--subject", "subject_1", "-o", str(fitted), "--hold-out", "auto", "--no-report", *SMALL]
     assert main([*line, "--executor", "none", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
+    assert_listed("fit.json", document)
     assert document["dealt"].startswith("dealt at random (seed 0)")
     used = [case["bag"] for case in document["cases"]]
     assert len(used) == 3 and not {event["bag"] for event in document["held_out"]} & set(used)
@@ -151,6 +219,8 @@ def test_the_command_writes_file_and_page(place: Path, tmp_path: Path, capsys: p
     assert load_events(output)[0].case == "kopfstein_pflaster"
     assert "kopfstein_pflaster" in Page(output.with_suffix(".html").read_text()).text
     assert main([*line, "--no-report", "--json"]) == 0
+    listed = yaml.safe_load(output.read_text())
+    assert_listed("events", listed)
     assert json.loads(capsys.readouterr().out) == yaml.safe_load(output.read_text())
     assert not output.with_suffix(".html").exists()
 

@@ -11,7 +11,7 @@ Memory is that of one or two chunks, independent of the length of the bag.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby, pairwise
 from operator import itemgetter
@@ -34,6 +34,9 @@ __all__ = ["BagReader", "BagWriter", "Block", "Chunk", "LogTimes", "LoggedImu", 
 
 SLICE_NS: Final = 250_000_000
 """Largest lead in log time of one topic over the others in `imu_blocks`."""
+
+SEAM_S: Final = 1.0
+"""A recorder that starts the next file of a split recording loses or repeats less."""
 
 _NEVER = -(2**63)
 
@@ -69,6 +72,7 @@ class BagReader:
     ) -> None:
         self.path, self.files, self.storage, self.warnings = path, files, storage, warnings
         self._storages = storages
+        warnings += _seams(files, storages)
         counts: dict[TopicKey, int] = {}
         for topic in (topic for part in storages for topic in part.topics):
             counts[topic.name, topic.type] = counts.get((topic.name, topic.type), 0) + topic.messages
@@ -247,6 +251,18 @@ def _raise_for_topic(reader: BagReader, chunk: Chunk) -> None:
             decode_imu_in(part.buffer, part.offsets, part.lengths)
         except InputError as error:
             raise InputError(f"{reader.path}: topic {part.topic}: {error}") from None
+
+
+def _seams(files: Sequence[Path], storages: Sequence[Storage]) -> Iterator[str]:
+    """A line for each file of a split recording that does not begin where the one before it ends."""
+    for (file, one), (next_file, other) in pairwise(zip(files, storages, strict=True)):
+        if one.end_ns is None or other.start_ns is None:
+            continue
+        gap_s = 1e-9 * (other.start_ns - one.end_ns)
+        if gap_s > SEAM_S:
+            yield f"{next_file.name} begins {gap_s:.1f} s after the end of {file.name}: a part is missing"
+        elif gap_s < -SEAM_S:
+            yield f"{next_file.name} begins {-gap_s:.1f} s before the end of {file.name}: was a clock set?"
 
 
 def _close_all(storages: list[Storage]) -> None:

@@ -17,7 +17,7 @@ from biodyn_core.conditioning.gravity import of_session
 from biodyn_core.conditioning.tilt import Vector
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_core.sessions.cases import CaseSpan, named, with_cases
-from biodyn_core.sessions.findings import Findings
+from biodyn_core.sessions.findings import Findings, Rest
 from biodyn_core.sessions.session import Session
 from biodyn_core.sessions.settings import SessionSettings
 from biodyn_ros.base.progress import OnProgress, ignore_progress
@@ -80,7 +80,7 @@ def find_events(
     shown = tuple(line for line in findings.warnings if line.partition(":")[0] in present or ":" not in line)
     absent = tuple(f"{name}: not in the bag" for name in findings.statuses if name not in present)
     findings = replace(findings, events=with_cases(findings.events, spans), warnings=(*absent, *shown))
-    return FoundSession(Path(bag), bag_sha256(bag), findings, tuple(warnings))
+    return FoundSession(Path(bag), bag_sha256(bag), findings, tuple(warnings), epoch_ns)
 
 
 def find_sessions(bags: Sequence[str | Path], options: SessionOptions, progress: OnProgress) -> list[FoundSession]:
@@ -93,9 +93,42 @@ def find_sessions(bags: Sequence[str | Path], options: SessionOptions, progress:
         found.append(one)
     names = iter(named([event for one in found for event in one.findings.events]))
     return [
-        replace(one, findings=replace(one.findings, events=tuple(next(names) for _ in one.findings.events)))
+        replace(
+            one, findings=replace(one.findings, events=tuple(next(names) for _ in one.findings.events)),
+            warnings=(*one.warnings, *_seams(one, found)), borrowed=_nearest_rest(one, found),
+        )
         for one in found
+    ]  # fmt: skip
+
+
+def _seams(one: FoundSession, others: Sequence[FoundSession]) -> list[str]:
+    """A line for each other session that overlaps this one in time: one of the clocks is not the time of day."""
+    return [
+        f"its stamps overlap those of {other.bag} in time: they are taken as recordings with other clocks"
+        for other in others
+        if other is not one and _from(one, other.begin_ns, other.begin_ns + round(1e9 * other.findings.seconds)) == 0
     ]
+
+
+def _nearest_rest(one: FoundSession, others: Sequence[FoundSession]) -> tuple[Path, Rest] | None:
+    """The rest of another session that is nearest in time, for a session without rests."""
+    if one.findings.rests:
+        return None
+    rests = [(other, rest) for other in others for rest in other.findings.rests]
+    if not rests:
+        return None
+
+    def away_ns(each: tuple[FoundSession, Rest]) -> int:
+        other, rest = each
+        return _from(one, *(other.begin_ns + round(1e9 * at_s) for at_s in (rest.begin_s, rest.end_s)))
+
+    other, rest = min(rests, key=away_ns)
+    return other.bag, rest
+
+
+def _from(one: FoundSession, begin_ns: int, end_ns: int) -> int:
+    """The time from a session to a stretch, ns; 0 if they overlap."""
+    return max(begin_ns - one.begin_ns - round(1e9 * one.findings.seconds), one.begin_ns - end_ns, 0)
 
 
 def spans_of(marks: Sequence[Mark], seconds: float, bag: str | Path = "") -> list[CaseSpan]:

@@ -44,6 +44,7 @@ def _session(one: FoundSession) -> dict[str, Any]:
     found = one.findings
     return {
         "bag": str(one.bag),
+        "one": one,
         "found": found,
         "rested_s": sum(rest.end_s - rest.begin_s for rest in found.rests),
         "counts": Counter(event.case for event in found.events),

@@ -18,7 +18,7 @@ import yaml
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.suggestions import known_are
 from biodyn_core.base.yaml_files import mapping_of, read_yaml, text_of
-from biodyn_core.sessions.findings import Event, Findings
+from biodyn_core.sessions.findings import Event, Findings, Rest
 from biodyn_ros import __version__
 from biodyn_ros.base.files import write_text
 from biodyn_ros.reading.parts import BEYOND_S, BagPart
@@ -31,19 +31,28 @@ TIME_DIGITS: Final = 2
 """Times are written to a hundredth of a second: events are cut between shocks, not within."""
 
 _EVENT: Final = ("bag", "start_s", "end_s", "case")
-_EVENT_MORE: Final = ("name", "peak_mps2", "level_mps2", "aw_mps2", "shocks", "rest_s", "quality")
+_EVENT_MORE: Final = ("name", "peak_mps2", "level_mps2", "aw_mps2", "shocks", "rest_s", "rest_bag", "quality")
 _SESSION: Final = ("bag", "sha256", "seconds")
 _SESSION_MORE: Final = ("rests_s", "faults", "warnings")
 
 
 @dataclass(frozen=True, eq=False)
 class FoundSession:
-    """A session: its bag, the SHA-256 of it, and what was found; warnings: about the bag and its clocks."""
+    """A session: its bag, the SHA-256 of it, and what was found; warnings: about the bag and its clocks.
+
+    begin_ns: stamp of the seat's first sample. borrowed: the rest of another session, for events without one.
+    """
 
     bag: Path
     sha256: str
     findings: Findings
     warnings: tuple[str, ...]
+    begin_ns: int = 0
+    borrowed: tuple[Path, Rest] | None = None
+
+    def rest_of(self, event: Event) -> tuple[Path, Rest] | None:
+        """The rest that gives gravity to an event, with its bag."""
+        return self.borrowed if event.rest is None else (self.bag, self.findings.rests[event.rest])
 
     @property
     def all_warnings(self) -> tuple[str, ...]:
@@ -105,7 +114,8 @@ def _session(one: FoundSession, folder: Path) -> dict[str, Any]:
 
 
 def _event(event: Event, one: FoundSession, folder: Path) -> dict[str, Any]:
-    rest = None if event.rest is None else one.findings.rests[event.rest]
+    bag, rest = one.rest_of(event) or (one.bag, None)
+    elsewhere = {} if bag == one.bag else {"rest_bag": _relative(bag, folder)}
     return {
         "name": event.name,
         "bag": _relative(one.bag, folder),
@@ -117,6 +127,7 @@ def _event(event: Event, one: FoundSession, folder: Path) -> dict[str, Any]:
         "aw_mps2": round(event.aw_mps2, 3),
         "shocks": [[_time(shock.time_s), round(shock.peak_mps2, 2)] for shock in event.shocks],
         "rest_s": None if rest is None else [_time(rest.begin_s), _time(rest.end_s)],
+        **elsewhere,
         "quality": list(event.quality),
     }
 
@@ -149,9 +160,15 @@ def _part(event: object, where: str, path: Path, seconds: dict[str, float]) -> B
     if bag not in seconds:
         raise InputError(f"{where}: bag {bag!r} is not among the sessions, {known_are(bag, list(seconds))}")
     begin_s, end_s = _interval([given["start_s"], given["end_s"]], f"{where}: start_s and end_s", seconds[bag])
-    rest_s = None if given.get("rest_s") is None else _interval(given["rest_s"], f"{where}: rest_s", seconds[bag])
+    rest_bag = text_of(given.get("rest_bag", bag), f"{where}: rest_bag")
+    if rest_bag not in seconds:
+        raise InputError(
+            f"{where}: rest_bag {rest_bag!r} is not among the sessions, {known_are(rest_bag, list(seconds))}"
+        )
+    rest_s = None if given.get("rest_s") is None else _interval(given["rest_s"], f"{where}: rest_s", seconds[rest_bag])
     level = _number(given.get("level_mps2", 0.0), f"{where}: level_mps2")
-    return BagPart(_beside(path, bag), begin_s, end_s, text_of(given["case"], f"{where}: case"), rest_s, name, level)
+    case, elsewhere = text_of(given["case"], f"{where}: case"), None if rest_bag == bag else _beside(path, rest_bag)
+    return BagPart(_beside(path, bag), begin_s, end_s, case, rest_s, elsewhere, name, level)
 
 
 def _beside(path: Path, bag: str) -> Path:

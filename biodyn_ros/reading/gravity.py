@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -51,7 +50,7 @@ def gravity_of_part(
         found = _of_whole(part, options, verticals)
         rest_s = _first_rest_s(found.get(SEAT), sensors.conditioning[SEAT].rest_s)
     if rest_s is not None:
-        found |= gravity_at_rest(dataclasses.replace(part, begin_s=rest_s[0], end_s=rest_s[1]), options)
+        found |= gravity_at_rest(BagPart(part.rest_bag or part.path, *rest_s), options)
     if not found.keys() >= sensors.times.keys():  # a sensor that moved in the rest, or joined later
         found = _of_whole(part, options, verticals) | found
     return found

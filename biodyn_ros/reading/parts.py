@@ -31,8 +31,9 @@ BEYOND_S: Final = 1.0
 class BagPart:
     """A bag, or a part of it.
 
-    case: its loading condition, None for that of its name. rest_s: begin and end of the rest in the bag that gives
-    gravity, None to search for it. name and level (rms of the seat): of the event in an events file.
+    case: its loading condition, None for that of its name. rest_s: begin and end of the rest that gives gravity, None
+    to search for it; rest_bag: the bag of this rest, None for the same one. name and level (rms of the seat): of the
+    event in an events file.
     """
 
     path: Path
@@ -40,6 +41,7 @@ class BagPart:
     end_s: float = math.inf
     case: str | None = None
     rest_s: tuple[float, float] | None = None
+    rest_bag: Path | None = None
     name: str = ""
     level_mps2: float = 0.0
 

@@ -169,7 +169,7 @@ class _Steps:
     def trace(self, used: UsedEvents, subject: Subject) -> None:
         """Search for an effect that is missing in the model."""
         o, directory = self._options, self._directory / TRACED
-        how = dataclasses.replace(o.trace, held_out=used.held_out, seed=o.seed)
+        how = dataclasses.replace(o.trace, held_out=used.held_out, as_given=True, seed=o.seed)
         key = key_of(_sources(used), subject.to_dict(), dataclasses.replace(how, held_out=()))
 
         def work() -> dict[str, Any]:
@@ -231,4 +231,7 @@ def _fit_page(report: Any) -> str:
 
 def _sources(used: UsedEvents) -> list[tuple[str, object, str | None, object]]:
     """The events with their content, condition, rest and use, for a key."""
-    return [(used.uses[str(part)], source_of(part), part.case, part.rest_s) for part in (*used.fit, *used.held_out)]
+    return [
+        (used.uses[str(part)], source_of(part), part.case, (part.rest_bag, part.rest_s))
+        for part in (*used.fit, *used.held_out)
+    ]

@@ -42,13 +42,14 @@ PAGE: Final = "trace.html"
 class TraceOptions:
     """How bags are read, prepared and traced.
 
-    held_out: bags that are not fitted to; auto_held_out: they are drawn; cases: the loading condition of a bag if its
-    name does not give it.
+    held_out: bags that are not fitted to; auto_held_out: they are drawn; as_given: none but these are held out, also if
+    there are none; cases: the loading condition of a bag if its name does not give it.
     """
 
     seed: int = 0
     held_out: tuple[Bag, ...] = ()
     auto_held_out: bool = False
+    as_given: bool = False
     cases: Mapping[str, str] = field(default_factory=dict)
     reading: RecordingOptions = field(default_factory=RecordingOptions)
     spectra: SpectrumSettings = field(default_factory=SpectrumSettings)
@@ -100,7 +101,7 @@ def trace_bags(
 
 def _divided(events: Sequence[Prepared], options: TraceOptions) -> tuple[list[Prepared], str | None]:
     """The events for fitting and held-out ones, and how they were dealt, None if a user has named them."""
-    if options.held_out:
+    if options.held_out or options.as_given:
         return list(events), None
     if options.auto_held_out:
         drawn = dealt(events, TO_TRACE, options.seed)
@@ -172,7 +173,7 @@ def _uses(train: Sequence[Case], held_out: Sequence[Case], options: TraceOptions
     """The recordings of each use, a line each."""
     fitted, spare, _ = usable(train, held_out)
     choose, report = split_held_out(spare)
-    how = "by name" if options.held_out else "by default, every second bag of a condition"
+    how = "by name" if options.held_out or options.as_given else "by default, every second bag of a condition"
     how = "drawn" if options.auto_held_out else how
     yield f"parameters are fitted to: {_names(fitted)}"
     yield f"held out ({how}), the effect is chosen by: {_names(choose)}"
