@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.base.wording import counted, number
-from biodyn_core.sessions.findings import Event
+from biodyn_core.sessions.findings import Event, Fault
 from biodyn_ros.base.wording import table
 from biodyn_ros.events.lacking import lacking_for_fit, lacking_for_trace
 from biodyn_ros.reading.events_file import FoundSession
@@ -42,11 +42,18 @@ def _session_lines(one: FoundSession) -> list[str]:
     ]
     if len(found.events) > MOST_ROWS:
         lines.append(f"and {len(found.events) - MOST_ROWS} more")
-    kinds = Counter((fault.sensor, fault.kind) for fault in found.faults)
-    lines += [
-        f"fault: {sensor} {kind} in {counted(count, 'stretch', 'stretches')}" for (sensor, kind), count in kinds.items()
-    ]
+    lines += _fault_lines(found.faults)
     return [*lines, *(f"note: {line}" for line in one.all_warnings)]
+
+
+def _fault_lines(faults: Sequence[Fault]) -> Iterator[str]:
+    """The faults of a sensor and kind, with the time of the first."""
+    kinds: dict[tuple[str, str], list[Fault]] = {}
+    for fault in faults:
+        kinds.setdefault((fault.sensor, fault.kind), []).append(fault)
+    for (sensor, kind), each in kinds.items():
+        more = f" and {counted(len(each) - 1, 'more time')}" if len(each) > 1 else ""
+        yield f"fault: {sensor}: {kind} from {each[0].begin_s:.1f} to {each[0].end_s:.1f} s{more}"
 
 
 def _row(event: Event) -> tuple[str, ...]:
