@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from world import sensors
 from world.seats import RATE_HZ
-from world.session import LEAST_G, Planted, SessionMotion, session
+from world.session import LEAST_G, SessionMotion, session
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SENSORS, STANDARD_GRAVITY_MPS2
@@ -22,6 +22,7 @@ from biodyn_core.sessions.cases import CaseSpan, with_cases
 from biodyn_core.sessions.findings import Findings
 from biodyn_core.sessions.session import Session
 from biodyn_core.sessions.settings import SessionSettings
+from blind.sessions.finding import score_of
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -65,12 +66,6 @@ def made(seconds: float, up_mps2: Floats | None = None, seed: int = 0) -> tuple[
     return START_NS + np.rint(np.arange(count) * 1e9 / SEAT_HZ).astype(np.int64), samples
 
 
-def from_shock(at_s: float, one: Planted) -> float:
-    """The time from a planted shock; 0 between the strikes of a train, two of which may be equally large."""
-    begin_s, end_s = (one.begin_s, one.end_s) if one.kind == "rail" else (one.peak_s, one.peak_s)
-    return max(begin_s - at_s, at_s - end_s, 0.0)
-
-
 def shaken(seconds: float, rms_mps2: float, begin_s: float = 5.0, seed: int = 1) -> Floats:
     """A rest of begin_s, then white noise between 1 and 20 Hz."""
     count = round(seconds * SEAT_HZ)
@@ -95,26 +90,11 @@ def with_shocks(up_mps2: Floats, at_s: list[float], peak_g: float = 1.5) -> Floa
 
 @pytest.mark.parametrize("seed", [21, 22])
 def test_planted_shocks_are_found_and_named(seed: int) -> None:
-    motion, stamps, samples = drive(6.0, seed)
-    found = found_in({"seat": (stamps, samples)}, gravity=None)
-    times = np.array([shock.time_s for event in found.events for shock in event.shocks])
-    planted = [one.peak_s for one in motion.shocks]
-    # Shocks of one group have the time of the largest alone.
-    near = np.diff(planted) < 2.2
-    single = ~(np.append(False, near) | np.append(near, False))
-    assert single.sum() > 10
-    assert all(min(from_shock(at, one) for at in times) <= PEAK_S for one in np.array(motion.shocks)[single])
-    assert all(min(from_shock(at, one) for one in motion.shocks) <= PEAK_S for at in times)
-    right = []
-    for event in found.events:
-        at = event.peak_s if event.shocks else 0.5 * (event.begin_s + event.end_s)
-        inside = {one.kind for one in motion.planted if one.begin_s - 0.3 <= at <= one.end_s + 0.3}
-        right.append(event.case in inside)
-    assert np.mean(right) >= 0.9
-    still = [one for one in motion.planted if one.kind == "standstill"]
-    assert len(found.rests) == len(still)
-    for rest, one in zip(found.rests, still, strict=True):
-        assert abs(rest.begin_s - one.begin_s) <= 1.5 and abs(rest.end_s - one.end_s) <= 1.5
+    """By the study's own counts; 40 minutes are in docs/sessions_study.md."""
+    score = score_of(6.0, seed)
+    assert score.planted >= 15 and score.found >= 0.95 * score.planted and score.invented == 0
+    assert score.right >= 0.9 * score.events
+    assert score.rests_found == score.rests >= 2
 
 
 def test_a_shock_below_the_least_peak_is_no_event() -> None:

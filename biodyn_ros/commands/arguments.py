@@ -138,14 +138,19 @@ def add_reading(command: CommandParser) -> None:
 
     add_map(command)
     add_time(command)
+    add_vertical(command)
+    add_settings(command, "conditioning", ConditioningSettings)
+    add_settings(command, "recording", RecordingSettings)
+
+
+def add_vertical(command: CommandParser) -> None:
+    """Add the option for the verticals of sensors."""
     command.add_argument(
         "--vertical",
         default="",
         metavar="TEXT",
         help="vertical in sensors' axes, such as 'seat=0,0,1' (default: from gravity)",
     )
-    add_settings(command, "conditioning", ConditioningSettings)
-    add_settings(command, "recording", RecordingSettings)
 
 
 def add_settings(command: CommandParser, title: str, kind: type[Any], everyday: Iterable[str] = ()) -> None:

@@ -7,7 +7,15 @@ from pathlib import Path
 
 from biodyn_core.base.errors import InputError
 from biodyn_ros.base.progress import Progress
-from biodyn_ros.commands.arguments import add_map, add_settings, add_time, check_reports, settings_of, show
+from biodyn_ros.commands.arguments import (
+    add_map,
+    add_settings,
+    add_time,
+    add_vertical,
+    check_reports,
+    settings_of,
+    show,
+)
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
 
@@ -19,12 +27,7 @@ def _add(command: CommandParser) -> None:
     command.add_argument("bag", nargs="+", metavar="SESSION", help="bags of one person")
     add_map(command)
     add_time(command)
-    command.add_argument(
-        "--vertical",
-        default="",
-        metavar="TEXT",
-        help="vertical in sensors' axes, such as 'seat=0,0,1' (default: from gravity)",
-    )
+    add_vertical(command)
     command.add_argument(
         "--cases",
         default="seat",

@@ -74,12 +74,7 @@ def _campaign(data: object, path: Path) -> Campaign:
 
 def _entry(row: object, where: str, base: Path) -> tuple[Path, Entry]:
     given = mapping_of(row, where, ("subject", "bags"), ("name", "hold_out", "cases"))
-    text = text_of(given["subject"], f"{where}.subject")
-    try:
-        file = path if exists(path := base / text) and path.is_file() else subject_file(text)
-        subject = load_subject(file, UNFITTED)
-    except InputError as error:
-        raise InputError(f"{where}.subject: {error}") from error
+    file, subject = subject_of(given["subject"], f"{where}.subject", base)
     name = text_of(given.get("name", subject.name), f"{where}.name")
     if not _NAME.fullmatch(name):
         raise InputError(f"{where}.name: {name!r} cannot be a file's; give a name of letters, digits and . - + _")
@@ -92,6 +87,16 @@ def _entry(row: object, where: str, base: Path) -> tuple[Path, Entry]:
         name, subject, tuple(bags.values()), tuple(held_out.values()),
         _cases(given.get("cases", {}), f"{where}.cases", bags | held_out),
     )  # fmt: skip
+
+
+def subject_of(value: object, where: str, base: Path) -> tuple[Path, Subject]:
+    """The file and the subject that a campaign names, by a path from its folder or as a bundled one."""
+    text = text_of(value, where)
+    try:
+        file = path if exists(path := base / text) and path.is_file() else subject_file(text)
+        return file, load_subject(file, UNFITTED)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
 
 
 def _bags(value: object, where: str, base: Path) -> dict[str, str]:

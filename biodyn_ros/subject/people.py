@@ -22,14 +22,13 @@ from biodyn_core.base.errors import InputError, one_line
 from biodyn_core.base.parallel import serial_map
 from biodyn_core.base.suggestions import did_you_mean_file
 from biodyn_core.base.yaml_files import mapping_of, read_yaml, text_of
-from biodyn_core.body.parameters import UNFITTED
-from biodyn_core.body.subject import Subject, load_subject
+from biodyn_core.body.subject import Subject
 from biodyn_ros import __version__
 from biodyn_ros.base.files import exists, make_directory
 from biodyn_ros.base.json_files import write_json
 from biodyn_ros.base.progress import OnProgress, silent
-from biodyn_ros.base.resources import subject_file
 from biodyn_ros.events.finding import BY_MARKS, BY_SEAT
+from biodyn_ros.fit.campaign_file import subject_of
 from biodyn_ros.subject.making import Helpers, SubjectOptions, make_subject, write_page
 from biodyn_ros.subject.text import document_of
 from biodyn_ros.work.executors import LOST, as_done, result_of
@@ -128,12 +127,7 @@ def check_failed(rows: Sequence[PersonRow], directory: Path) -> None:
 
 def _person(row: object, where: str, base: Path) -> Person:
     given = mapping_of(row, where, ("subject", "sessions"), ("name", "cases"))
-    text = text_of(given["subject"], f"{where}.subject")
-    try:
-        file = path if exists(path := base / text) and path.is_file() else subject_file(text)
-        subject = load_subject(file, UNFITTED)
-    except InputError as error:
-        raise InputError(f"{where}.subject: {error}") from error
+    _, subject = subject_of(given["subject"], f"{where}.subject", base)
     name = text_of(given.get("name", subject.name), f"{where}.name")
     if Path(name).name != name or name.startswith("."):
         raise InputError(f"{where}.name: {name!r} cannot be the name of a directory")
