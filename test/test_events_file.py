@@ -25,6 +25,7 @@ from biodyn_ros.events.finding import SessionOptions, find_events, find_sessions
 from biodyn_ros.events.lacking import contents, lacking_for_fit, lacking_for_trace
 from biodyn_ros.events.page import events_page
 from biodyn_ros.events.text import MOST_ROWS, text_of
+from biodyn_ros.fit.campaign_file import load_campaign
 from biodyn_ros.reading.dealing import TO_FIT, TO_TRACE, Dealable, deal
 from biodyn_ros.reading.events_file import FoundSession, load_events, write_events
 from biodyn_ros.reading.given import bags_of
@@ -107,6 +108,23 @@ def test_a_wrong_edit_is_one_line(place: Path, tmp_path: Path, edit: Edit, messa
 def test_bags_parts_and_events_are_given_together(place: Path) -> None:
     given = bags_of([str(place / "session.events.yaml"), "a.mcap", "b.mcap@1..2"])
     assert given[-2] == "a.mcap" and str(given[-1]) == "b.mcap@1..2" and len(given) > 4
+
+
+def test_a_campaign_of_fits_takes_parts_and_events_files(place: Path) -> None:
+    path = place / "campaign.yaml"
+    path.write_text(
+        "subjects: [{subject: subject_1, bags: [session.events.yaml], hold_out: ['session.mcap@70..74'],"
+        " cases: {'session.mcap@70..74': kerb}}]"
+    )
+    (entry,) = load_campaign(path).entries
+    assert [part_of(bag).name for bag in entry.bags] == [
+        part.name for part in load_events(place / "session.events.yaml")
+    ]
+    (held,) = entry.held_out
+    assert entry.cases == {str(held): "kerb"} and part_of(held).end_s == 74.0
+    path.write_text("subjects: [{subject: subject_1, bags: [session.events.yaml, 'session.mcap@7..9']}]")
+    with pytest.raises(InputError, match=r"session\.mcap@7\.\.9 is given twice"):
+        load_campaign(path)
 
 
 # --- several files and folders ---------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ A campaign file is YAML; paths are relative to it, `name`, `hold_out` and `cases
     subjects:
       - subject: anna.yaml            # or a bundled name
         name: anna                    # of the result; the subject's own where it is not given
-        bags: [anna/road_1.mcap, anna/pothole.mcap]
+        bags: [anna/road_1.mcap, anna/pothole.mcap, anna/session.mcap@60..90, anna/session.events.yaml]
         hold_out: [anna/rail.mcap]
         cases: {anna/road_1.mcap: gravel}
 """
@@ -25,6 +25,9 @@ from biodyn_core.body.parameters import UNFITTED
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_ros.base.files import exists
 from biodyn_ros.base.resources import subject_file
+from biodyn_ros.reading.events_file import is_events_file
+from biodyn_ros.reading.given import bags_of
+from biodyn_ros.reading.parts import Bag, part_of
 
 _NAME: Final = re.compile(r"[^\W_][\w .+-]{0,99}")
 
@@ -35,8 +38,8 @@ class Entry:
 
     name: str
     subject: Subject
-    bags: tuple[str, ...]
-    held_out: tuple[str, ...]
+    bags: tuple[Bag, ...]
+    held_out: tuple[Bag, ...]
     cases: Mapping[str, str]
 
 
@@ -68,7 +71,7 @@ def _campaign(data: object, path: Path) -> Campaign:
         files.append(file)
         entries.append(entry)
     _check_names(entries)
-    bags = [Path(bag) for entry in entries for bag in (*entry.bags, *entry.held_out)]
+    bags = [part_of(bag).path for entry in entries for bag in (*entry.bags, *entry.held_out)]
     return Campaign(path, tuple(entries), (path, *files, *bags))
 
 
@@ -82,10 +85,10 @@ def _entry(row: object, where: str, base: Path) -> tuple[Path, Entry]:
     held_out = _bags(given.get("hold_out", []), f"{where}.hold_out", base)
     if not bags:
         raise InputError(f"{where}.bags: {name} has no bag, give at least one")
-    _check_once([*bags.values(), *held_out.values()], where)
+    fitted, spare = (tuple(bag for each in found.values() for bag in each) for found in (bags, held_out))
+    _check_once([*fitted, *spare], where)
     return file, Entry(
-        name, subject, tuple(bags.values()), tuple(held_out.values()),
-        _cases(given.get("cases", {}), f"{where}.cases", bags | held_out),
+        name, subject, fitted, spare, _cases(given.get("cases", {}), f"{where}.cases", bags | held_out)
     )  # fmt: skip
 
 
@@ -99,8 +102,8 @@ def subject_of(value: object, where: str, base: Path) -> tuple[Path, Subject]:
         raise InputError(f"{where}: {error}") from error
 
 
-def _bags(value: object, where: str, base: Path) -> dict[str, str]:
-    """The absolute path of each bag by its text in the file."""
+def _bags(value: object, where: str, base: Path) -> dict[str, list[Bag]]:
+    """The bags of each text in the file, with absolute paths: one bag or part, or all events of an events file."""
     if not isinstance(value, list):
         raise InputError(f"{where}: expected a list of bags")
     found = {}
@@ -108,11 +111,12 @@ def _bags(value: object, where: str, base: Path) -> dict[str, str]:
         text = text_of(item, f"{where}[{index}]")
         if text in found:
             raise InputError(f"{where}[{index}]: {text} is given twice")
-        path = _from(base, text, f"{where}[{index}]")
+        given = str(_from(base, text, f"{where}[{index}]"))
+        path = Path(given) if is_events_file(given) else part_of(given).path
         if not exists(path):
             near = did_you_mean_file(path)
             raise InputError(f"{where}[{index}]: there is no {path}: paths are relative to the campaign file{near}")
-        found[text] = str(path)
+        found[text] = bags_of([given])
     return found
 
 
@@ -123,17 +127,18 @@ def _from(base: Path, text: str, where: str) -> Path:
         raise InputError(f"{where}: {text}: there is no home directory of this name") from None
 
 
-def _check_once(bags: Sequence[str], where: str) -> None:
-    real = [Path(bag).resolve() for bag in bags]
-    for bag, path in zip(bags, real, strict=True):
-        if real.count(path) > 1:
-            raise InputError(f"{where}: {bag} is given twice; either fit to a bag or hold it out")
+def _check_once(bags: Sequence[Bag], where: str) -> None:
+    parts = [part_of(bag) for bag in bags]
+    for number, part in enumerate(parts):
+        if any(part.shares(other) for other in parts[:number]):
+            raise InputError(f"{where}: {part} is given twice; either fit to a bag or hold it out")
 
 
-def _cases(value: object, where: str, bags: Mapping[str, str]) -> dict[str, str]:
+def _cases(value: object, where: str, bags: Mapping[str, Sequence[Bag]]) -> dict[str, str]:
     cases = {}
-    for bag, case in mapping_of(value, where, (), tuple(bags), "bag").items():
-        cases[bags[bag]] = text_of(case, f"{where}: {bag}")
+    single = tuple(text for text, found in bags.items() if not is_events_file(text))
+    for bag, case in mapping_of(value, where, (), single, "bag").items():
+        cases[str(bags[bag][0])] = text_of(case, f"{where}: {bag}")
     return cases
 
 

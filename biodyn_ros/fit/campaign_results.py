@@ -81,7 +81,9 @@ class Results:
     def __init__(self, campaign: Campaign, directory: Path) -> None:
         self.path = directory / "campaign.json"
         self._campaign, self._directory = campaign, directory
-        self._rows = {e.name: Row(e.name, e.subject.name, list(e.bags), list(e.held_out)) for e in campaign.entries}
+        self._rows = {
+            e.name: Row(e.name, e.subject.name, [*map(str, e.bags)], [*map(str, e.held_out)]) for e in campaign.entries
+        }
         inputs = {path.resolve() for path in campaign.inputs}
         for entry in campaign.entries:
             output = self._output(entry)
@@ -162,7 +164,7 @@ class Results:
 def fingerprint(entry: Entry, options: FitOptions) -> str:
     """A hash of a fit: subject, bags by content with role and case, options, and version."""
     bags = [
-        (role, source_of(bag), entry.cases.get(bag) or case_of(bag))
+        (role, source_of(bag), entry.cases.get(str(bag)) or case_of(bag))
         for role, paths in (("fitted", entry.bags), ("held out", entry.held_out))
         for bag in paths
     ]

@@ -56,10 +56,10 @@ def check_bags(bags: Sequence[Bag], held_out: Sequence[Bag], cases: Iterable[str
         raise InputError("no bag is given: give at least one")
     parts = [part_of(bag) for bag in (*bags, *held_out)]
     for number, part in enumerate(parts):
-        path = part.path.resolve()
         for other in parts[:number]:
-            if other.path.resolve() == path and other.overlaps(part):
+            if part.shares(other):
                 if part.is_whole and other.is_whole:
+                    path = part.path.resolve()
                     raise InputError(f"{path}: given twice: give each bag once, either to fit or to hold out")
                 raise InputError(f"{part}: overlaps {other}: give each part once, either to fit or to hold out")
     given = {str(bag) for bag in (*bags, *held_out)}

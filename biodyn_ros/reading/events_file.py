@@ -208,7 +208,7 @@ def _check_apart(parts: Sequence[BagPart], path: Path) -> None:
         names.add(part.name)
     ordered = sorted(parts, key=lambda part: (str(part.path), part.begin_s))
     for one, other in pairwise(ordered):
-        if one.path == other.path and one.overlaps(other):
+        if one.shares(other):
             raise InputError(
                 f"{path}: events {_label(one)} and {_label(other)} overlap: end the first by {other.begin_s:g} s"
             )

@@ -50,9 +50,10 @@ class BagPart:
         """Whether it is the whole bag."""
         return self.begin_s == 0.0 and self.end_s == math.inf
 
-    def overlaps(self, other: BagPart) -> bool:
-        """Whether both, of the same bag, have time in common."""
-        return min(self.end_s, other.end_s) > max(self.begin_s, other.begin_s)
+    def shares(self, other: BagPart) -> bool:
+        """Whether both are of the same file and have time in common."""
+        in_time = min(self.end_s, other.end_s) > max(self.begin_s, other.begin_s)
+        return in_time and self.path.resolve() == other.path.resolve()
 
     @property
     def label(self) -> str:
