@@ -29,7 +29,8 @@ from biodyn_ros.fit.fitting import FitOptions
 from biodyn_ros.reading.events_file import write_events
 from biodyn_ros.reading.parts import BagPart
 from biodyn_ros.reading.provenance import role_of, source_of
-from biodyn_ros.subject.making import Helpers, MadeSubject, SubjectOptions, make_subject, write_page
+from biodyn_ros.subject.making import Helpers, MadeSubject, SubjectOptions, make_subject
+from biodyn_ros.subject.page import write_page
 from biodyn_ros.subject.people import Person, load_people, make_people
 from biodyn_ros.subject.people_page import people_page, text_of, verdict_of
 from biodyn_ros.subject.steps import StepLog, key_of

@@ -66,7 +66,8 @@ def _one(options: argparse.Namespace) -> int:
     from biodyn_core.body.parameters import UNFITTED
     from biodyn_core.body.subject import load_subject
     from biodyn_ros.base.resources import subject_file
-    from biodyn_ros.subject.making import Helpers, make_subject, write_page
+    from biodyn_ros.subject.making import Helpers, make_subject
+    from biodyn_ros.subject.page import write_page
     from biodyn_ros.subject.text import document_of, text_of
     from biodyn_ros.work.executor_map import parallel_map
     from biodyn_ros.work.executors import executor_of

@@ -93,18 +93,6 @@ def make_subject(
     return MadeSubject(given.name, directory, steps.log.steps, used)
 
 
-def write_page(made: MadeSubject, report: bool) -> None:
-    """Write the page of a made subject; without a report, an earlier one is removed."""
-    path = made.directory / PAGE
-    if not report:
-        remove(path)
-        return
-    from biodyn_ros.reports.pages import write_drawn  # an extra of its own
-    from biodyn_ros.subject.page import subject_page
-
-    write_drawn(path, lambda: subject_page(made))
-
-
 class _Steps:
     """The steps of one directory, each by the functions of its own command."""
 

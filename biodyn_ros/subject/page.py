@@ -7,11 +7,21 @@ from typing import Any
 from urllib.parse import quote
 
 from biodyn_ros import __version__
-from biodyn_ros.reports.pages import check_reports, render
+from biodyn_ros.base.files import remove
+from biodyn_ros.reports.pages import check_reports, render, write_drawn
 from biodyn_ros.reports.verdict import Verdict
-from biodyn_ros.subject.making import RESULT, VALIDATED, MadeSubject
+from biodyn_ros.subject.making import PAGE, RESULT, VALIDATED, MadeSubject
 from biodyn_ros.subject.steps import Step
 from biodyn_ros.subject.wording import FILES, PAGES, TITLES, result_line, sentence_of
+
+
+def write_page(made: MadeSubject, report: bool) -> None:
+    """Write the page beside the results; without a report, an earlier one is removed. InputError as `write_drawn`."""
+    path = made.directory / PAGE
+    if report:
+        write_drawn(path, lambda: subject_page(made))
+    else:
+        remove(path)
 
 
 def subject_page(made: MadeSubject) -> str:

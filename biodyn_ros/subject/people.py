@@ -29,7 +29,8 @@ from biodyn_ros.base.json_files import write_json
 from biodyn_ros.base.progress import OnProgress, silent
 from biodyn_ros.events.finding import BY_MARKS, BY_SEAT
 from biodyn_ros.fit.campaign_file import subject_of
-from biodyn_ros.subject.making import Helpers, SubjectOptions, make_subject, write_page
+from biodyn_ros.subject.making import Helpers, SubjectOptions, make_subject
+from biodyn_ros.subject.page import write_page
 from biodyn_ros.subject.text import document_of
 from biodyn_ros.work.executors import LOST, as_done, result_of
 
