@@ -184,7 +184,7 @@ def _continuous(fine: Bins) -> Iterator[tuple[float, float]]:
 def _shock_windows(
     groups: Sequence[Group], begin_s: float, end_s: float, s: SessionSettings
 ) -> tuple[list[Window], list[str]]:
-    """The windows around groups in a stretch of the seat; groups too near for a tail and a warm-up between share one."""
+    """The windows around groups in a stretch of the seat; groups too near for tail and warm-up share one."""
     windows: list[Window] = []
     left_out = []
     for group in groups:
