@@ -29,7 +29,7 @@ def event(begin_s: float, end_s: float, case: str, *times: float) -> Event:
 
 
 def findings(*events: Event) -> Findings:
-    return Findings(60.0, (), events, (), Timeline(0.02, np.zeros(1), np.zeros(1)), None, {}, ())
+    return Findings(60.0, (), events, (), Timeline(0.02, np.zeros(1), np.zeros(1)), None, {}, {}, ())
 
 
 def test_found_missed_and_invented_shocks_are_counted() -> None:

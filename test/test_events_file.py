@@ -89,6 +89,12 @@ Edit = Callable[[dict[str, Any]], object]
         (lambda d: d["events"][1].update(name=d["events"][0]["name"]), "two events have the name"),
         (lambda d: d["sessions"][0].update(sha256="0"), "session.mcap has changed since its events were found"),
         (lambda d: d["sessions"][0].update(bag="gone.mcap"), "gone.mcap: no such bag: if it was moved"),
+        (
+            lambda d: d["sessions"][0].update(clock_ppm={"hed": 1.0}),
+            "unknown sensor 'hed', known are .*; did you mean head?",
+        ),
+        (lambda d: d["sessions"][0].update(clock_ppm={"head": 2e3}), "head is 2000, allowed are -1000 to 1000"),
+        (lambda d: d["events"][0].update(rest_bag="x"), "rest_bag 'x' is not among the sessions"),
         (lambda d: d.update(events=[]), "has no events"),
         (lambda d: d.update(events={}), "events: expected a list"),
         (lambda d: d.update(schema=2), "schema is 2, this version reads 1: run biodyn events again"),

@@ -150,6 +150,27 @@ def test_progress_ends_at_the_end_of_the_part(bag: Path) -> None:
     assert seen[-1][1] < 0.2 * every and seen[-1][0] > 0.9 * seen[-1][1]
 
 
+def test_the_drift_of_a_clock_is_corrected_from_the_begin_of_the_bag(bag: Path) -> None:
+    """The clock of the head is fast by 500 ppm: 5 ms at 10 s; the seat's stay."""
+    part = BagPart(bag, 10.0, 20.0)
+    drifting = dataclasses.replace(part, clock_ppm={"head": 500.0})
+    stamps = {}
+    for name, one in (("plain", part), ("corrected", drifting)):
+        with open_sensors(one, OPTIONS) as sensors:
+            blocks = [(sensor, block.stamps_ns) for sensor, block in sensors.blocks(ignore_progress)]
+        stamps[name] = {
+            sensor: np.concatenate([found for of, found in blocks if of == sensor]) for sensor in ("seat", "head")
+        }
+    assert np.array_equal(stamps["plain"]["seat"], stamps["corrected"]["seat"])
+    with open_sensors(bag, OPTIONS) as sensors:
+        begin_ns, _ = sensors.first_of_seat()
+    late = stamps["corrected"]["head"] - begin_ns
+    # The first sample of the corrected part is one that was stamped 5 ms later.
+    original = np.rint(late / (1.0 - 5e-4)).astype(np.int64) + begin_ns
+    assert np.abs(original[:, None] - stamps["plain"]["head"][:40]).min(axis=1)[0] < 1000
+    assert original[0] - stamps["plain"]["head"][0] == pytest.approx(5e6, abs=1e6)
+
+
 # --- gravity ---------------------------------------------------------------------------------------------------------
 
 

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy import signal
 from world import sensors
 from world.seats import RATE_HZ
 from world.session import LEAST_G, SessionMotion, session
@@ -230,6 +231,34 @@ def test_a_clock_that_is_set_back_is_refused() -> None:
     back[round(20.0 * SEAT_HZ) :] -= 10 * 10**9
     with pytest.raises(InputError, match=r"seat: time is set back by 10\.0 s after 20\.0 s"):
         found_in({"seat": (back, samples)})
+
+
+def body_of(up_mps2: Floats) -> Floats:
+    """A mass on a spring, 5 Hz, in the place of a body: absolute acceleration (n,)."""
+    omega = 2.0 * np.pi * 5.0
+    return np.asarray(
+        signal.lfilter(*signal.bilinear([0.6 * omega, omega**2], [1.0, 0.6 * omega, omega**2], SEAT_HZ), up_mps2)
+    )
+
+
+@pytest.mark.parametrize("ppm", [60.0, -15.0])
+def test_the_drift_of_a_clock_is_found_with_its_error(ppm: float) -> None:
+    """Rest, shocks and a gap of the sensor do not matter."""
+    up = with_shocks(shaken(400.0, 0.8), [100.0, 200.0, 320.0])
+    seat, (stamps, samples) = made(400.0, up), made(400.0, body_of(up), seed=7)
+    drifted = stamps + np.rint(1e-6 * ppm * (stamps - stamps[0])).astype(np.int64)
+    there = (np.arange(stamps.size) < round(150.0 * SEAT_HZ)) | (np.arange(stamps.size) > round(170.0 * SEAT_HZ))
+    found = found_in({"seat": seat, "head": (drifted[there], samples[there]), "neck": (stamps, samples)})
+    (name,) = found.drifts
+    assert name == "head"
+    assert abs(found.drifts["head"].ppm - ppm) < 4.0 * found.drifts["head"].error_ppm < 4.0
+    assert any(line.startswith("head: its clock drifts by ") for line in found.warnings)
+
+
+def test_without_motion_there_is_no_drift() -> None:
+    stamps, samples = made(100.0)
+    drifted = stamps + np.rint(2e-4 * (stamps - stamps[0])).astype(np.int64)
+    assert found_in({"seat": (stamps, samples), "head": (drifted, samples)}).drifts == {}
 
 
 def test_stamps_of_another_day_are_refused() -> None:

@@ -1,7 +1,7 @@
 """Digests: sums of a session's sensors over short intervals, from which events are found after the last sample.
 
-A sensor has intervals of 0.5 s. The seat has further ones of 20 ms, of its vertical acceleration: the peak and the
-squares, whole, above the frequency of an engine that idles, and weighted by Wk (ISO 2631-1).
+A sensor has intervals of 0.5 s, and of 20 ms for its vertical acceleration. The seat has more of the latter: the peak
+and the squares, whole, above the frequency of an engine that idles, and weighted by Wk (ISO 2631-1).
 """
 
 from __future__ import annotations
@@ -37,12 +37,16 @@ LOW_PASSED, HIGH, WEIGHTED = 0, 1, 2
 
 
 class SensorDigest:
-    """One sensor: `push` conditioned blocks and `finish`; `coarse` holds its sums."""
+    """One sensor: `push` conditioned blocks and `finish`; `coarse` and `mean` hold its sums.
+
+    mean: of the low-passed vertical acceleration over 20 ms, for the comparison of clocks.
+    """
 
     def __init__(self, conditioner: Conditioner, epoch_ns: int, settings: SessionSettings) -> None:
         self.conditioner, self._epoch_ns, self._settings = conditioner, epoch_ns, settings
         self.coarse = Bins(COARSE_S, sums=4)
         self.clipped = Bins(COARSE_S, sums=0)
+        self.mean = Bins(FINE_S, sums=1)
         self._recut = Recut()
         self._last_s = -np.inf
 
@@ -115,6 +119,7 @@ class SensorDigest:
         """Add rows (n, 5): time, levelled x, y, z, low-passed vertical."""
         levelled = rows[:, 1:4]
         self.coarse.add(rows[:, 0], np.column_stack([levelled, (levelled**2).sum(axis=1)]))
+        self.mean.add(rows[:, 0], rows[:, 4:])
 
 
 class SeatDigest(SensorDigest):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from biodyn_core.base.arrays import Floats
 from biodyn_core.conditioning.conditioned import SensorStatus
 from biodyn_core.conditioning.tilt import Vector
+from biodyn_core.sessions.relative_drift import RelativeDrift
 from biodyn_core.signals.waterfall import Waterfall
 
 
@@ -70,7 +71,11 @@ class Timeline:
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """The results of a session; seconds: length of the seat's record. waterfall: of its vertical acceleration."""
+    """The results of a session.
+
+    seconds: length of the seat's record. waterfall: of its vertical acceleration. drifts: of the clocks of sensors
+    against the seat's, where they are sure and noticeable.
+    """
 
     seconds: float
     rests: tuple[Rest, ...]
@@ -79,4 +84,5 @@ class Findings:
     timeline: Timeline
     waterfall: Waterfall | None
     statuses: Mapping[str, SensorStatus]
+    drifts: Mapping[str, RelativeDrift]
     warnings: tuple[str, ...]

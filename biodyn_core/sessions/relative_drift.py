@@ -37,7 +37,7 @@ LEFT_OUT: Final = 8
 
 @dataclass(frozen=True)
 class RelativeDrift:
-    """Drift of a sensor's clock against the seat's: positive if its stamps fall behind; error: standard error."""
+    """Drift of a sensor's clock against the seat's: positive if it is fast; error: standard error."""
 
     ppm: float
     error_ppm: float

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
+from scipy import ndimage
 
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.segments import SEAT, SENSORS
@@ -19,6 +20,7 @@ from biodyn_core.conditioning.conditioner import Conditioner, SettingsOf, settin
 from biodyn_core.conditioning.gravity import IDLING_MPS2, Gravity, angle_deg
 from biodyn_core.conditioning.tilt import LEAST_GRAVITY_MPS2, Vector
 from biodyn_core.recording.flags import stretches
+from biodyn_core.sessions.bins import Bins
 from biodyn_core.sessions.cases import named
 from biodyn_core.sessions.digest import (
     COARSE_S,
@@ -32,6 +34,7 @@ from biodyn_core.sessions.digest import (
 )
 from biodyn_core.sessions.finding import Window, find, level_of, rms_of
 from biodyn_core.sessions.findings import Event, Fault, Findings, Rest, Shock, Timeline
+from biodyn_core.sessions.relative_drift import RelativeDrift, relative_drift
 from biodyn_core.sessions.settings import SessionSettings
 
 MISSING_SHARE: Final = 0.02
@@ -84,6 +87,7 @@ class Session:
         found = find(self._seat.coarse, fine, self.settings)
         rests = tuple(self._rest(begin_s, end_s) for begin_s, end_s in found.rests)
         seconds = float(fine.counts.size * fine.width_s)
+        drifts = dict(self._drifts(seconds))
         faults = tuple(fault for name in self._present() for fault in self._faults(name, seconds))
         count = np.maximum(fine.counts, 1.0)
         return Findings(
@@ -93,8 +97,14 @@ class Session:
             faults=faults,
             timeline=Timeline(fine.width_s, np.sqrt(fine.sums[:, LOW_PASSED] / count), fine.maxima[:, 0].copy()),
             waterfall=self._seat.waterfall(),
+            drifts=drifts,
             statuses={name: digest.status() for name, digest in self._digests.items()},
-            warnings=(*self._warnings(), *_moved(rests, self.settings.moved_deg), *found.left_out),
+            warnings=(
+                *self._warnings(),
+                *_moved(rests, self.settings.moved_deg),
+                *(_drift_line(name, drift, seconds) for name, drift in drifts.items()),
+                *found.left_out,
+            ),
         )
 
     def _present(self) -> list[str]:
@@ -161,12 +171,47 @@ class Session:
             for begin, end in stretches(flag):
                 yield Fault(name, kind, begin * COARSE_S, end * COARSE_S)
 
+    def _drifts(self, seconds: float) -> Iterator[tuple[str, RelativeDrift]]:
+        """The drift of each clock against the seat's, where it is sure and noticeable."""
+        fine, s = self._seat.fine, self.settings
+        level = np.sqrt(fine.sums[:, LOW_PASSED] / np.maximum(fine.counts, 1.0))
+        # Half a second: a frame of 5 s has pauses.
+        moving = ndimage.maximum_filter1d(level, round(COARSE_S / FINE_S)) >= s.steady_level_mps2
+        for name in self._present():
+            if name == SEAT:
+                continue
+            (seat, of_seat), (sensor, of_sensor) = (
+                _on_grid(digest.mean, fine.counts.size) for digest in (self._seat, self._digests[name])
+            )
+            usable = moving & (of_seat > 0.0) & (of_sensor > 0.0)
+            found = relative_drift(seat, sensor, usable, FINE_S)
+            if found is not None and found.is_sure(seconds, s.drift_sigmas, 1e-3 * s.drift_ms):
+                yield name, found
+
     def _warnings(self) -> Iterator[str]:
         """Warnings about sensors, one line each."""
         for name, digest in self._digests.items():
             if not digest.coarse.counts.any():
                 yield f"{name}: {digest.conditioner.fault or digest.status().waiting or 'no samples'}"
             yield from (f"{name}: {line}" for line in digest.status().warnings)
+
+
+def _on_grid(mean: Bins, size: int) -> tuple[Floats, Floats]:
+    """Means and counts (size,) by interval; 0 without samples."""
+    values, counts = np.zeros(size), np.zeros(size)
+    shared = min(size, mean.counts.size)
+    counts[:shared] = mean.counts[:shared]
+    values[:shared] = mean.sums[:shared, 0] / np.maximum(mean.counts[:shared], 1.0)
+    return values, counts
+
+
+def _drift_line(name: str, drift: RelativeDrift, seconds: float) -> str:
+    """The drift of a clock, and its effect."""
+    apart_ms = 1e-3 * abs(drift.ppm) * seconds
+    return (
+        f"{name}: its clock drifts by {drift.ppm:+.1f} ppm (error {drift.error_ppm:.1f}) against the seat's,"
+        f" {apart_ms:.1f} ms over the session: corrected where events are read"
+    )
 
 
 def _stuck(digest: SensorDigest) -> Flags:

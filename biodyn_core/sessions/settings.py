@@ -52,6 +52,10 @@ class SessionSettings:
     shock_case: str = setting("pothole", "loading condition of other shocks")
     steady_case: str = setting("road", "loading condition of a steady stretch")
     moved_deg: float = setting(5.0, "tilt of a sensor between two rests that is reported", "deg", 0.5, 90.0)
+    drift_sigmas: float = setting(
+        4.0, "least relative drift of a sensor's clock that is corrected, in standard errors", "", 1.0, 100.0
+    )
+    drift_ms: float = setting(0.5, "least such drift over the session that is corrected", "ms", 0.0, 1000.0)
     longest_h: float = setting(24.0, "longest session", "h", 0.1, 1000.0)
 
     def __post_init__(self) -> None:

@@ -48,6 +48,10 @@ class LoggedImu(ImuBlock):
     header_ns: Integers
     log_ns: Integers
 
+    def stamped(self, stamps_ns: Integers) -> LoggedImu:
+        """The same samples with other stamps (n,); the header's and the log times stay."""
+        return LoggedImu(stamps_ns, self.accel_mps2, self.gyro_radps, self.header_ns, self.log_ns)
+
     def only(self, rows: Flags) -> LoggedImu:
         """The samples with a set flag (n,)."""
         rates = None if self.gyro_radps is None else self.gyro_radps[rows]

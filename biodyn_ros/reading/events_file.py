@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -16,6 +16,7 @@ from typing import Any, Final
 import yaml
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SENSORS
 from biodyn_core.base.suggestions import known_are
 from biodyn_core.base.yaml_files import mapping_of, read_yaml, text_of
 from biodyn_core.sessions.findings import Event, Findings, Rest
@@ -33,7 +34,10 @@ TIME_DIGITS: Final = 2
 _EVENT: Final = ("bag", "start_s", "end_s", "case")
 _EVENT_MORE: Final = ("name", "peak_mps2", "level_mps2", "aw_mps2", "shocks", "rest_s", "rest_bag", "quality")
 _SESSION: Final = ("bag", "sha256", "seconds")
-_SESSION_MORE: Final = ("rests_s", "faults", "warnings")
+_SESSION_MORE: Final = ("rests_s", "clock_ppm", "faults", "warnings")
+
+LARGEST_PPM: Final = 1000.0
+"""A larger drift is none of a clock."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +92,9 @@ def load_events(path: str | Path) -> list[BagPart]:
     whole = mapping_of(read_yaml(path), str(path), ("schema", "sessions", "events"), ("made_by", "version"))
     if whole["schema"] != SCHEMA:
         raise InputError(f"{path}: schema is {whole['schema']!r}, this version reads {SCHEMA}: run biodyn events again")
-    seconds = dict(_known_bag(each, path) for each in _list(whole["sessions"], f"{path}: sessions"))
+    sessions = dict(_known_bag(each, path) for each in _list(whole["sessions"], f"{path}: sessions"))
     parts = [
-        _part(each, f"{path}: event {number}", path, seconds)
+        _part(each, f"{path}: event {number}", path, sessions)
         for number, each in enumerate(_list(whole["events"], f"{path}: events"), 1)
     ]
     if not parts:
@@ -106,6 +110,7 @@ def _session(one: FoundSession, folder: Path) -> dict[str, Any]:
         "sha256": one.sha256,
         "seconds": _time(found.seconds),
         "rests_s": [[_time(rest.begin_s), _time(rest.end_s)] for rest in found.rests],
+        "clock_ppm": {name: round(drift.ppm, 2) for name, drift in found.drifts.items()},
         "faults": [
             f"{fault.sensor}: {fault.kind} from {fault.begin_s:.1f} to {fault.end_s:.1f} s" for fault in found.faults
         ],
@@ -140,8 +145,16 @@ def _relative(bag: Path, folder: Path) -> str:
     return os.path.relpath(bag.resolve(), folder.resolve())
 
 
-def _known_bag(session: object, path: Path) -> tuple[str, float]:
-    """The name of a session's bag and its length; raises InputError for a bag that was moved or has changed."""
+@dataclass(frozen=True)
+class _KnownBag:
+    """The length of a bag, s, and the drift of clocks in it."""
+
+    seconds: float
+    clock_ppm: Mapping[str, float]
+
+
+def _known_bag(session: object, path: Path) -> tuple[str, _KnownBag]:
+    """A session's bag by its name; raises InputError for a bag that was moved or has changed."""
     known = mapping_of(session, f"{path}: session", _SESSION, _SESSION_MORE)
     name = text_of(known["bag"], f"{path}: bag")
     bag = path.parent / name
@@ -149,26 +162,33 @@ def _known_bag(session: object, path: Path) -> tuple[str, float]:
         raise InputError(f"{path}: {name}: no such bag: if it was moved, correct its path in the file")
     if bag_sha256(bag) != known["sha256"]:
         raise InputError(f"{path}: {name} has changed since its events were found: run biodyn events again")
-    return name, _number(known["seconds"], f"{path}: seconds of {name}")
+    where = f"{path}: clock_ppm of {name}"
+    drifts = mapping_of(known.get("clock_ppm", {}), where, (), SENSORS, "sensor")
+    clock_ppm = {sensor: _number(ppm, f"{where}: {sensor}") for sensor, ppm in drifts.items()}
+    if wrong := next((sensor for sensor, ppm in clock_ppm.items() if abs(ppm) > LARGEST_PPM), None):
+        raise InputError(f"{where}: {wrong} is {clock_ppm[wrong]:g}, allowed are {-LARGEST_PPM:g} to {LARGEST_PPM:g}")
+    return name, _KnownBag(_number(known["seconds"], f"{path}: seconds of {name}"), clock_ppm)
 
 
-def _part(event: object, where: str, path: Path, seconds: dict[str, float]) -> BagPart:
+def _part(event: object, where: str, path: Path, known: Mapping[str, _KnownBag]) -> BagPart:
     given = mapping_of(event, where, _EVENT, _EVENT_MORE)
     name = text_of(given["name"], f"{where}: name") if "name" in given else ""
     where = f"{path}: event {name}" if name else where
     bag = text_of(given["bag"], f"{where}: bag")
-    if bag not in seconds:
-        raise InputError(f"{where}: bag {bag!r} is not among the sessions, {known_are(bag, list(seconds))}")
-    begin_s, end_s = _interval([given["start_s"], given["end_s"]], f"{where}: start_s and end_s", seconds[bag])
+    if bag not in known:
+        raise InputError(f"{where}: bag {bag!r} is not among the sessions, {known_are(bag, list(known))}")
+    begin_s, end_s = _interval([given["start_s"], given["end_s"]], f"{where}: start_s and end_s", known[bag].seconds)
     rest_bag = text_of(given.get("rest_bag", bag), f"{where}: rest_bag")
-    if rest_bag not in seconds:
+    if rest_bag not in known:
         raise InputError(
-            f"{where}: rest_bag {rest_bag!r} is not among the sessions, {known_are(rest_bag, list(seconds))}"
+            f"{where}: rest_bag {rest_bag!r} is not among the sessions, {known_are(rest_bag, list(known))}"
         )
-    rest_s = None if given.get("rest_s") is None else _interval(given["rest_s"], f"{where}: rest_s", seconds[rest_bag])
+    rest_s = (
+        None if given.get("rest_s") is None else _interval(given["rest_s"], f"{where}: rest_s", known[rest_bag].seconds)
+    )
     level = _number(given.get("level_mps2", 0.0), f"{where}: level_mps2")
     case, elsewhere = text_of(given["case"], f"{where}: case"), None if rest_bag == bag else _beside(path, rest_bag)
-    return BagPart(_beside(path, bag), begin_s, end_s, case, rest_s, elsewhere, name, level)
+    return BagPart(_beside(path, bag), begin_s, end_s, case, rest_s, elsewhere, name, level, known[bag].clock_ppm)
 
 
 def _beside(path: Path, bag: str) -> Path:

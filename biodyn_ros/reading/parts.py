@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
+
+import numpy as np
 
 from biodyn_core.base.errors import InputError
 from biodyn_ros.bag import LoggedImu, LogTimes
@@ -33,7 +35,7 @@ class BagPart:
 
     case: its loading condition, None for that of its name. rest_s: begin and end of the rest that gives gravity, None
     to search for it; rest_bag: the bag of this rest, None for the same one. name and level (rms of the seat): of the
-    event in an events file.
+    event in an events file. clock_ppm: drift of the clock of sensors against the seat's, from 0 s on.
     """
 
     path: Path
@@ -44,6 +46,7 @@ class BagPart:
     rest_bag: Path | None = None
     name: str = ""
     level_mps2: float = 0.0
+    clock_ppm: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def is_whole(self) -> bool:
@@ -87,12 +90,16 @@ def part_of(bag: Bag) -> BagPart:
 
 @dataclass(frozen=True)
 class Extent:
-    """The samples of a part: first and last stamp, ns, by topic; log times of chunks; length and share of the bag."""
+    """The samples of a part: first and last stamp, ns, by topic; log times of chunks; length and share of the bag.
+
+    drifts: by topic, the stamp at which a clock is right, and its drift, s/s.
+    """
 
     stamps_ns: Mapping[str, tuple[int, int]]
     within_ns: LogTimes
     seconds: float
     share: float
+    drifts: Mapping[str, tuple[int, float]] = field(default_factory=dict)
 
     @classmethod
     def of_part(
@@ -113,10 +120,18 @@ class Extent:
 
     def of(self, blocks: Iterable[tuple[str, LoggedImu]]) -> Iterator[tuple[str, LoggedImu]]:
         """The samples of blocks with these stamps."""
-        for topic, block in blocks:
+        for topic, read in blocks:
+            block = self._corrected(topic, read)
             first_ns, last_ns = self.stamps_ns[topic]
             inside = (block.stamps_ns >= first_ns) & (block.stamps_ns <= last_ns)
             if inside.all():
                 yield topic, block
             elif inside.any():
                 yield topic, block.only(inside)
+
+    def _corrected(self, topic: str, block: LoggedImu) -> LoggedImu:
+        """The samples with stamps by the clock of the seat."""
+        if topic not in self.drifts:
+            return block
+        right_ns, drift = self.drifts[topic]
+        return block.stamped(block.stamps_ns - np.rint(drift * (block.stamps_ns - right_ns)).astype(np.int64))

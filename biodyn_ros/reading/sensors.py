@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -97,7 +97,12 @@ class SensorReading:
             topic: stamp_ns + (header_ns if choice.time == "log" else 0) for topic, choice in self._choices.items()
         }
         beside = {topic: 0.0 if sensor == SEAT else beside_s for topic, sensor in self._sensors.items()}
-        return Extent.of_part(part, length_s, begins, beside, log_ns)
+        drifts = {
+            topic: (begins[topic], 1e-6 * part.clock_ppm[sensor])
+            for topic, sensor in self._sensors.items()
+            if sensor in part.clock_ppm and self._choices[topic].time == "header"
+        }
+        return replace(Extent.of_part(part, length_s, begins, beside, log_ns), drifts=drifts)
 
     def bag_warnings(self) -> list[str]:
         """Warnings about the bag itself."""

@@ -220,6 +220,6 @@ def _fit_page(report: Any) -> str:
 def _sources(used: UsedEvents) -> list[tuple[str, object, str | None, object]]:
     """The events with their content, condition, rest and use, for a key."""
     return [
-        (used.uses[str(part)], source_of(part), part.case, (part.rest_bag, part.rest_s))
+        (used.uses[str(part)], source_of(part), part.case, (part.rest_bag, part.rest_s, dict(part.clock_ppm)))
         for part in (*used.fit, *used.held_out)
     ]
