@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from biodyn_core.base.arrays import Floats
 
@@ -37,12 +38,18 @@ class Recut:
 
 
 class Bins:
-    """Counts (b,), sums (b, s) and maxima (b, m) by interval of width_s; 0 for an interval without samples."""
+    """Counts (b,), sums (b, s) and maxima (b, m) by interval of width_s; 0 for an interval without samples.
 
-    def __init__(self, width_s: float, sums: int, maxima: int = 0) -> None:
+    short: stored with seven digits, in half of the memory.
+    """
+
+    def __init__(self, width_s: float, sums: int, maxima: int = 0, short: bool = False) -> None:
         self.width_s = width_s
         self._used = 0
-        self._counts, self._sums, self._maxima = np.zeros(0), np.zeros((0, sums)), np.zeros((0, maxima))
+        kind: Any = np.float32 if short else np.float64
+        self._counts: NDArray[Any] = np.zeros(0, kind)
+        self._sums: NDArray[Any] = np.zeros((0, sums), kind)
+        self._maxima: NDArray[Any] = np.zeros((0, maxima), kind)
 
     def add(self, time_s: Floats, sums: Floats, maxima: Floats | None = None) -> None:
         """Add samples at times (n,) with the columns to sum (n, s) and those of maxima (n, m), not negative."""
@@ -81,8 +88,12 @@ class Bins:
     def _grow(self, used: int) -> None:
         self._used = max(self._used, used)
         if self._used > len(self._counts):
-            room = max(self._used, 2 * len(self._counts), 1024)
-            more = room - len(self._counts)
-            self._counts = np.concatenate([self._counts, np.zeros(more)])
-            self._sums = np.concatenate([self._sums, np.zeros((more, self._sums.shape[1]))])
-            self._maxima = np.concatenate([self._maxima, np.zeros((more, self._maxima.shape[1]))])
+            room = max(self._used, len(self._counts) * 5 // 4, 1024)
+            self._counts, self._sums, self._maxima = (
+                _longer(each, room) for each in (self._counts, self._sums, self._maxima)
+            )
+
+
+def _longer(values: NDArray[Any], room: int) -> NDArray[Any]:
+    """The rows with zeros behind them."""
+    return np.concatenate([values, np.zeros((room - len(values), *values.shape[1:]), values.dtype)])

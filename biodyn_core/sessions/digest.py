@@ -46,7 +46,7 @@ class SensorDigest:
         self.conditioner, self._epoch_ns, self._settings = conditioner, epoch_ns, settings
         self.coarse = Bins(COARSE_S, sums=4)
         self.clipped = Bins(COARSE_S, sums=0)
-        self.mean = Bins(FINE_S, sums=1)
+        self.mean = Bins(FINE_S, sums=1, short=True)
         self._recut = Recut()
         self._last_s = -np.inf
 
@@ -127,7 +127,7 @@ class SeatDigest(SensorDigest):
 
     def __init__(self, conditioner: Conditioner, epoch_ns: int, settings: SessionSettings) -> None:
         super().__init__(conditioner, epoch_ns, settings)
-        self.fine = Bins(FINE_S, sums=3, maxima=1)
+        self.fine = Bins(FINE_S, sums=3, maxima=1, short=True)
         self._filters: list[_Filter] | None = None
         self._waterfall: WaterfallMeter | None = None
 

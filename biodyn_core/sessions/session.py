@@ -1,7 +1,7 @@
 """Session: `push` the samples of six sensors, `finish` for its rests, events and faults.
 
-A sensor is conditioned as in a causal replay. Memory is that of sums over short intervals: 0.1 MB for each minute of
-the seat, and a tenth of it for another sensor.
+A sensor is conditioned as in a causal replay. Memory is that of sums over short intervals, 0.3 MB for a minute of all
+sensors.
 """
 
 from __future__ import annotations
