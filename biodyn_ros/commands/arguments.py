@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.settings import Range, described
+from biodyn_core.base.wording import counted
 from biodyn_ros.commands.parsing import CommandParser
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def run_each(options: argparse.Namespace, output: Path | None, run: Callable[[Ba
             refused.append(f"{bag}: {str(error).removeprefix(f'{bag}: ')}")
             print(f"left out: {refused[-1]}", file=sys.stderr)
     if not found:
-        raise InputError(f"none of the {len(given)} events can be used; the first: {refused[0]}")
+        raise InputError(f"none of {counted(len(given), 'event')} can be used; the first: {refused[0]}")
     show(options, {"events": [document for document, _ in found]}, "\n\n".join(text for _, text in found))
 
 

@@ -21,7 +21,7 @@ from biodyn_core.base.suggestions import known_are
 from biodyn_core.base.yaml_files import mapping_of, read_yaml, text_of
 from biodyn_core.sessions.findings import Event, Findings, Rest
 from biodyn_ros import __version__
-from biodyn_ros.base.files import write_text
+from biodyn_ros.base.files import exists, write_text
 from biodyn_ros.reading.parts import BEYOND_S, BagPart
 from biodyn_ros.reading.provenance import bag_sha256
 
@@ -65,8 +65,8 @@ class FoundSession:
 
 
 def is_events_file(path: str | Path) -> bool:
-    """Whether a path is that of an events file, by its ending."""
-    return Path(path).suffix in (".yaml", ".yml")
+    """Whether a path is that of an events file, by its ending; the metadata of a recording is none."""
+    return Path(path).suffix in (".yaml", ".yml") and Path(path).name != "metadata.yaml"
 
 
 def events_document(sessions: Sequence[FoundSession], folder: Path) -> dict[str, Any]:
@@ -158,7 +158,7 @@ def _known_bag(session: object, path: Path) -> tuple[str, _KnownBag]:
     known = mapping_of(session, f"{path}: session", _SESSION, _SESSION_MORE)
     name = text_of(known["bag"], f"{path}: bag")
     bag = path.parent / name
-    if not bag.exists():
+    if not exists(bag):
         raise InputError(f"{path}: {name}: no such bag: if it was moved, correct its path in the file")
     if bag_sha256(bag) != known["sha256"]:
         raise InputError(f"{path}: {name} has changed since its events were found: run biodyn events again")
@@ -195,7 +195,7 @@ def _beside(path: Path, bag: str) -> Path:
     """The path of a bag that is named from the folder of a file, without `..` where that leads to the same."""
     whole = path.parent / bag
     short = Path(os.path.normpath(whole))
-    return short if short.exists() and short.samefile(whole) else whole
+    return short if exists(short) and short.samefile(whole) else whole
 
 
 def _interval(ends: object, where: str, seconds: float) -> tuple[float, float]:

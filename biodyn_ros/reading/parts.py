@@ -13,6 +13,7 @@ import numpy as np
 
 from biodyn_core.base.errors import InputError
 from biodyn_ros.bag import LoggedImu, LogTimes
+from biodyn_ros.base.files import exists
 
 _PART: Final = re.compile(r"(?P<path>.+)@(?P<begin>\d+(?:\.\d+)?)?\.\.(?P<end>\d+(?:\.\d+)?)?")
 
@@ -79,7 +80,7 @@ def part_of(bag: Bag) -> BagPart:
     """The part that a bag or a reference means; raises InputError for a part without length."""
     if isinstance(bag, BagPart):
         return bag
-    found = None if isinstance(bag, Path) or Path(bag).exists() else _PART.fullmatch(bag)
+    found = None if isinstance(bag, Path) or exists(Path(bag)) else _PART.fullmatch(bag)
     if found is None:
         return BagPart(Path(bag))
     begin_s, end_s = float(found["begin"] or 0.0), float(found["end"] or math.inf)
