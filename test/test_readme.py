@@ -14,6 +14,7 @@ from biodyn_ros.base.wording import typeset
 from biodyn_ros.commands.table import NAMES
 from biodyn_ros.node.live import SETTINGS
 from blind.recovery import page as recovery
+from blind.sessions import page as sessions_study
 from blind.tracing import page as tracing_study
 from conformance import page as conformance
 
@@ -131,6 +132,7 @@ def test_the_index_lists_every_page() -> None:
         ("conformance", conformance.HEAD),
         ("recovery", recovery.HEAD),
         ("tracing_study", tracing_study.HEAD),
+        ("sessions_study", sessions_study.HEAD),
     ],
 )
 def test_a_generated_page_begins_with_the_text_of_its_generator(name: str, head: str) -> None:

@@ -84,7 +84,7 @@ def part_of(bag: Bag) -> BagPart:
     if found is None:
         return BagPart(Path(bag))
     begin_s, end_s = float(found["begin"] or 0.0), float(found["end"] or math.inf)
-    if not end_s - begin_s >= SHORTEST_S:
+    if not end_s - begin_s >= SHORTEST_S - 1e-6:  # times are decimal numbers
         raise InputError(f"{bag}: BAG@START..END needs an end at least {SHORTEST_S:g} s after its start")
     return BagPart(Path(found["path"]), begin_s, end_s)
 
