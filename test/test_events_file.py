@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 from collections.abc import Callable
@@ -16,6 +17,7 @@ from pages import NASTY, Page, empty_drawings
 from session_bags import session_bag
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.sessions.findings import Fault
 from biodyn_core.sessions.settings import SessionSettings
 from biodyn_core.tracing.settings import FloorSettings
 from biodyn_ros.bag import BagWriter, open_bag
@@ -292,6 +294,20 @@ def test_the_text_ends_with_what_is_lacking(found: FoundSession) -> None:
     text = text_of([found])
     assert f"{len(found.findings.events)} events" in text and "5 rests" in text
     assert len(text.splitlines()) < MOST_ROWS
+
+
+def test_a_long_list_is_cut_and_faults_have_their_times(found: FoundSession) -> None:
+    events = tuple(dataclasses.replace(found.findings.events[0], name=f"road_{k}") for k in range(MOST_ROWS + 5))
+    faults = (Fault("head", "clipped", 1.0, 1.5), Fault("head", "clipped", 3.0, 3.5), Fault("neck", "stuck", 0.0, 2.0))
+    findings = dataclasses.replace(found.findings, events=events, faults=faults, waterfall=None)
+    text = text_of([dataclasses.replace(found, findings=findings)])
+    assert "and 5 more" in text and f"road_{MOST_ROWS}" not in text
+    assert "fault: head: clipped from 1.0 to 1.5 s and 1 more time" in text
+    assert "fault: neck: stuck from 0.0 to 2.0 s" in text
+    with empty_drawings():
+        page = Page(events_page([dataclasses.replace(found, findings=findings)]))
+    assert "The record is too short for a spectrum." in page.text and f"road_{MOST_ROWS}" in page.text
+    assert [name for name, _, _ in timeline_rows(findings)][-2:] == ["fault: head", "fault: neck"]
 
 
 def test_the_shopping_list_counts_half_of_the_events(found: FoundSession) -> None:

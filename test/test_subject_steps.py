@@ -30,11 +30,12 @@ from biodyn_ros.reading.events_file import write_events
 from biodyn_ros.reading.parts import BagPart
 from biodyn_ros.reading.provenance import role_of, source_of
 from biodyn_ros.subject.making import Helpers, MadeSubject, SubjectOptions, make_subject
-from biodyn_ros.subject.page import write_page
+from biodyn_ros.subject.page import subject_page, write_page
 from biodyn_ros.subject.people import Person, load_people, make_people
 from biodyn_ros.subject.people_page import people_page, text_of, verdict_of
 from biodyn_ros.subject.steps import StepLog, key_of
 from biodyn_ros.subject.text import document_of
+from biodyn_ros.subject.text import text_of as subject_text
 from biodyn_ros.subject.uses import used_events
 from biodyn_ros.work.executors import executor_of
 
@@ -117,7 +118,10 @@ def test_steps_are_used_again_while_they_fit(made: MadeSubject, bag: Path) -> No
     assert edited.used is not None and gone not in {part.name for part in (*edited.used.fit, *edited.used.held_out)}
 
 
-def test_an_interrupted_run_continues(bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_run_continues(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three roads: one to fit, one to choose, one to report and to validate on."""
+    bag = session_bag(tmp_path / "roads.mcap", cases=("road", "road", "road"))
+
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
@@ -126,8 +130,15 @@ def test_an_interrupted_run_continues(bag: Path, tmp_path: Path, monkeypatch: py
         make(bag, tmp_path)
     assert [step["name"] for step in json.loads((tmp_path / "subject.json").read_text())["steps"]] == ["events"]
     monkeypatch.undo()
-    _, lines = make(bag, tmp_path)
+    found, lines = make(bag, tmp_path)
     assert lines[0] == "events: done, used again" and lines[1].startswith("fit: done")
+    (event,) = found.steps["validate"].facts["events"]
+    assert found.used is not None and event["name"] == found.used.report[0].name and event["mean_percent"] > 0.0
+    assert (tmp_path / "validate" / event["name"] / "validate.json").exists()
+    text = subject_text(found)
+    assert "3 events in " in text and "1 event that nothing was fitted to" in text
+    with empty_drawings():
+        assert event["name"] in Page(subject_page(found)).text
 
 
 def test_a_step_that_fails_has_its_reason_and_the_rest_goes_on(bag: Path, tmp_path: Path) -> None:
