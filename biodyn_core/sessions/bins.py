@@ -45,7 +45,7 @@ class Bins:
 
     def __init__(self, width_s: float, sums: int, maxima: int = 0, short: bool = False) -> None:
         self.width_s = width_s
-        self._used = 0
+        self._first = self._used = 0
         kind: Any = np.float32 if short else np.float64
         self._counts: NDArray[Any] = np.zeros(0, kind)
         self._sums: NDArray[Any] = np.zeros((0, sums), kind)
@@ -55,7 +55,12 @@ class Bins:
         """Add samples at times (n,) with the columns to sum (n, s) and those of maxima (n, m), not negative."""
         if time_s.size == 0:
             return
-        at = np.floor(time_s / self.width_s).astype(np.int64)
+        at = np.floor(time_s / self.width_s).astype(np.int64) - self._first
+        if self._first > 0 and at.min() < 0:
+            late = at < 0
+            at, sums, maxima = at[~late], sums[~late], None if maxima is None else maxima[~late]
+            if at.size == 0:
+                return
         low, high = int(at.min()), int(at.max())
         self._grow(high + 1)
         here = slice(low, high + 1)
@@ -84,6 +89,29 @@ class Bins:
         """The intervals whose centre lies between two times."""
         begin, end = (max(0, int(np.ceil(at / self.width_s - 0.5))) for at in (begin_s, end_s))
         return slice(min(begin, self._used), min(end, self._used))
+
+    @property
+    def end(self) -> int:
+        """The number of intervals since the first, those that were dropped included."""
+        return self._first + self._used
+
+    def means(self, begin: int, end: int) -> tuple[Floats, Floats]:
+        """Mean of the first column and count in the intervals of these numbers (n,); 0 without samples."""
+        low, high = max(begin - self._first, 0), max(min(end - self._first, self._used), 0)
+        values, counts = np.zeros(end - begin), np.zeros(end - begin)
+        if high > low:
+            here = slice(low + self._first - begin, high + self._first - begin)
+            counts[here] = self._counts[low:high]
+            values[here] = self._sums[low:high, 0] / np.maximum(self._counts[low:high], 1.0)
+        return values, counts
+
+    def drop(self, before: int) -> None:
+        """Forget the intervals before this number; later samples in them are ignored."""
+        gone = min(max(before - self._first, 0), self._used)
+        self._counts, self._sums, self._maxima = (
+            each[gone:].copy() for each in (self._counts, self._sums, self._maxima)
+        )
+        self._first, self._used = self._first + gone, self._used - gone
 
     def _grow(self, used: int) -> None:
         self._used = max(self._used, used)

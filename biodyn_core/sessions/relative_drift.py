@@ -17,13 +17,17 @@ from biodyn_core.base.arrays import Complexes, Flags, Floats
 FRAME: Final = 256
 """Intervals of a spectrum: 5 s at 20 ms."""
 
+HOP: Final = FRAME // 2
+
 BAND_HZ: Final = (1.0, 12.0)
 """Below there is little motion, above little remains of means over 20 ms and of the seat in the body."""
 
 BLOCK_FRAMES: Final = 8
 """Spectra that are summed before the search, within 20 s: no clock drifts noticeably."""
 
-LEAST_BLOCKS: Final = 6
+LEAST_FRAMES: Final = 48
+"""Two minutes of motion."""
+
 LARGEST_DRIFT: Final = 200e-6
 """No quartz is farther off."""
 
@@ -49,46 +53,60 @@ class RelativeDrift:
         return abs(self.ppm) > sigmas * self.error_ppm and 1e-6 * abs(self.ppm) * seconds > least_s
 
 
-def relative_drift(seat: Floats, sensor: Floats, usable: Flags, width_s: float) -> RelativeDrift | None:
-    """The drift from values of both (n,) on one grid; usable (n,): with samples of both, in motion.
+class PhaseMeter:
+    """Phase of a sensor against the seat over a session: `add` blocks of values, then read the `drift`.
 
-    None for too little motion.
+    width_s: of the intervals of the values. Memory is that of one phase for each frequency and block.
     """
-    begins = _frames(usable)
-    if len(begins) < LEAST_BLOCKS * BLOCK_FRAMES:
-        return None
-    frequency_hz, phasors = _phasors(seat, sensor, begins, width_s)
-    count = len(begins) // BLOCK_FRAMES
-    shape = count, BLOCK_FRAMES
-    blocks = phasors[: count * BLOCK_FRAMES].reshape(*shape, -1).sum(axis=1)
-    time_s = (np.array(begins[: count * BLOCK_FRAMES]).reshape(shape).mean(axis=1) + 0.5 * FRAME) * width_s
-    drift = _best(blocks, time_s, frequency_hz)
-    parts = np.arange(count) * LEFT_OUT // count
-    others = [_best(blocks[parts != part], time_s[parts != part], frequency_hz) for part in range(LEFT_OUT)]
-    error = np.sqrt((LEFT_OUT - 1) / LEFT_OUT * ((np.array(others) - np.mean(others)) ** 2).sum())
-    return RelativeDrift(1e6 * drift, 1e6 * float(error))
 
+    def __init__(self, width_s: float) -> None:
+        self._width_s = width_s
+        frequency_hz = np.arange(FRAME // 2 + 1) / (FRAME * width_s)
+        self._inside = np.flatnonzero((frequency_hz >= BAND_HZ[0]) & (frequency_hz <= BAND_HZ[1]))
+        self._frequency_hz = frequency_hz[self._inside]
+        self._window = signal.get_window("hann", FRAME)
+        self._blocks: list[Complexes] = []
+        self._time_s: list[float] = []
+        self._frames = 0
 
-def _frames(usable: Flags) -> list[int]:
-    """The beginnings of frames that overlap by half and are usable throughout."""
-    bad = np.concatenate([[0], np.cumsum(~usable)])
-    return [at for at in range(0, usable.size - FRAME + 1, FRAME // 2) if bad[at + FRAME] == bad[at]]
+    def add(self, number: int, seat: Floats, sensor: Floats, usable: Flags) -> None:
+        """Add the values of both in the intervals of a block (`block_extent`), (n,) each.
 
+        usable (n,): with samples of both, in motion; only frames that are usable throughout count.
+        """
+        total, times = np.zeros(self._inside.size, dtype=np.complex128), []
+        for at in range(0, BLOCK_FRAMES * HOP, HOP):
+            here = slice(at, at + FRAME)
+            if usable[here].all():
+                total += self._phase(seat[here], sensor[here])
+                times.append(block_extent(number)[0] + at + 0.5 * FRAME)
+        if times:
+            self._blocks.append(total)
+            self._time_s.append(float(np.mean(times)) * self._width_s)
+            self._frames += len(times)
 
-def _phasors(seat: Floats, sensor: Floats, begins: list[int], width_s: float) -> tuple[Floats, Complexes]:
-    """Frequencies (f,) of the band, and the phase of the sensor against the seat in each frame (w, f), unit length."""
-    window = signal.get_window("hann", FRAME)
-    frequency_hz = np.arange(FRAME // 2 + 1) / (FRAME * width_s)
-    inside = np.flatnonzero((frequency_hz >= BAND_HZ[0]) & (frequency_hz <= BAND_HZ[1]))
-    unit = np.empty((len(begins), inside.size), dtype=np.complex128)
-    for row, at in enumerate(begins):  # one by one, because all frames of two hours take 20 MB
-        one, other = (
-            np.fft.rfft((frame - frame.mean()) * window)[inside]
-            for frame in (seat[at : at + FRAME], sensor[at : at + FRAME])
-        )
+    def drift(self) -> RelativeDrift | None:
+        """The drift so far; None for too little motion."""
+        if len(self._blocks) < LEFT_OUT or self._frames < LEAST_FRAMES:
+            return None
+        blocks, time_s = np.array(self._blocks), np.array(self._time_s)
+        drift = _best(blocks, time_s, self._frequency_hz)
+        parts = np.arange(len(blocks)) * LEFT_OUT // len(blocks)
+        others = [_best(blocks[parts != k], time_s[parts != k], self._frequency_hz) for k in range(LEFT_OUT)]
+        error = np.sqrt((LEFT_OUT - 1) / LEFT_OUT * ((np.array(others) - np.mean(others)) ** 2).sum())
+        return RelativeDrift(1e6 * drift, 1e6 * float(error))
+
+    def _phase(self, seat: Floats, sensor: Floats) -> Complexes:
+        """The phase of a frame at the frequencies of the band, of unit length (f,)."""
+        one, other = (np.fft.rfft((frame - frame.mean()) * self._window)[self._inside] for frame in (seat, sensor))
         cross = other * one.conj()
-        unit[row] = cross / np.maximum(np.abs(cross), TINY)
-    return frequency_hz[inside], unit
+        return np.asarray(cross / np.maximum(np.abs(cross), TINY))
+
+
+def block_extent(number: int) -> tuple[int, int]:
+    """The first interval of a block, and the one after its last; blocks overlap by half a frame."""
+    begin = number * BLOCK_FRAMES * HOP
+    return begin, begin + (BLOCK_FRAMES - 1) * HOP + FRAME
 
 
 def _best(blocks: Complexes, time_s: Floats, frequency_hz: Floats) -> float:

@@ -20,7 +20,6 @@ from biodyn_core.conditioning.conditioner import Conditioner, SettingsOf, settin
 from biodyn_core.conditioning.gravity import IDLING_MPS2, Gravity, angle_deg
 from biodyn_core.conditioning.tilt import LEAST_GRAVITY_MPS2, Vector
 from biodyn_core.recording.flags import stretches
-from biodyn_core.sessions.bins import Bins
 from biodyn_core.sessions.cases import named
 from biodyn_core.sessions.digest import (
     COARSE_S,
@@ -34,11 +33,14 @@ from biodyn_core.sessions.digest import (
 )
 from biodyn_core.sessions.finding import Window, find, level_of, rms_of
 from biodyn_core.sessions.findings import Event, Fault, Findings, Rest, Shock, Timeline
-from biodyn_core.sessions.relative_drift import RelativeDrift, relative_drift
+from biodyn_core.sessions.relative_drift import PhaseMeter, RelativeDrift, block_extent
 from biodyn_core.sessions.settings import SessionSettings
 
 MISSING_SHARE: Final = 0.02
 """Share of an event's samples whose loss is stated."""
+
+LATEST: Final = 3000
+"""Intervals of 20 ms, a minute, by which the samples of a sensor may come after those of the seat."""
 
 STUCK_MPS2: Final = 1e-6
 """A sensor with less rms about its mean over half a second gives one constant reading."""
@@ -70,6 +72,9 @@ class Session:
             for name, one in conditioners.items()
         }
 
+        self._phases = {name: PhaseMeter(FINE_S) for name in SENSORS if name != SEAT}
+        self._block = 0
+
     def push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats) -> None:
         """Take raw specific force (n, 3) m/s^2 of one sensor with its stamps (n,) ns; InputError as `SensorDigest`."""
         digest = self._digests[sensor]
@@ -77,12 +82,15 @@ class Session:
         if over.any():
             digest.add_clipped(stamps_ns[over])
         digest.push(digest.conditioner.push(stamps_ns, samples_mps2))
+        if digest is self._seat:
+            self._add_phases(final=False)
 
     def finish(self) -> Findings:
         """End the session; without rests and events where the seat gives no samples."""
         for digest in self._digests.values():
             digest.push(digest.conditioner.finish())
             digest.finish()
+        self._add_phases(final=True)
         fine = self._seat.fine
         found = find(self._seat.coarse, fine, self.settings)
         rests = tuple(self._rest(begin_s, end_s) for begin_s, end_s in found.rests)
@@ -173,20 +181,37 @@ class Session:
 
     def _drifts(self, seconds: float) -> Iterator[tuple[str, RelativeDrift]]:
         """The drift of each clock against the seat's, where it is sure and noticeable."""
-        fine, s = self._seat.fine, self.settings
-        level = np.sqrt(fine.sums[:, LOW_PASSED] / np.maximum(fine.counts, 1.0))
-        # Half a second: a frame of 5 s has pauses.
-        moving = ndimage.maximum_filter1d(level, round(COARSE_S / FINE_S)) >= s.steady_level_mps2
-        for name in self._present():
-            if name == SEAT:
-                continue
-            (seat, of_seat), (sensor, of_sensor) = (
-                _on_grid(digest.mean, fine.counts.size) for digest in (self._seat, self._digests[name])
-            )
-            usable = moving & (of_seat > 0.0) & (of_sensor > 0.0)
-            found = relative_drift(seat, sensor, usable, FINE_S)
+        s = self.settings
+        for name, meter in self._phases.items():
+            found = meter.drift()
             if found is not None and found.is_sure(seconds, s.drift_sigmas, 1e-3 * s.drift_ms):
                 yield name, found
+
+    def _add_phases(self, final: bool) -> None:
+        """Compare the sensors with the seat in the blocks that are complete, and forget their samples."""
+        mean = self._seat.mean
+        ends = [self._digests[name].mean.end for name in self._phases]
+        # A sensor that is not there must not hold up the others.
+        complete = min([mean.end - 1, *(max(end - 1, mean.end - LATEST) for end in ends)])
+        while block_extent(self._block)[1] <= complete or (final and block_extent(self._block)[0] < mean.end):
+            begin, end = block_extent(self._block)
+            seat, of_seat = mean.means(begin, end)
+            moving = (of_seat > 0.0) & self._is_moving(begin, end)
+            for name, meter in self._phases.items():
+                sensor, of_sensor = self._digests[name].mean.means(begin, end)
+                meter.add(self._block, seat, sensor, moving & (of_sensor > 0.0))
+            self._block += 1
+            for digest in self._digests.values():
+                digest.mean.drop(block_extent(self._block)[0])
+
+    def _is_moving(self, begin: int, end: int) -> Flags:
+        """Whether the seat moves in intervals of 20 ms, (n,); pauses of half a second do not count."""
+        fine, size = self._seat.fine, end - begin
+        level = np.zeros(size)
+        squares, counts = fine.sums[begin:end, LOW_PASSED], fine.counts[begin:end]
+        level[: counts.size] = np.sqrt(squares / np.maximum(counts, 1.0))
+        around = ndimage.maximum_filter1d(level, round(COARSE_S / FINE_S))
+        return np.asarray(around >= self.settings.steady_level_mps2)
 
     def _warnings(self) -> Iterator[str]:
         """Warnings about sensors, one line each."""
@@ -194,15 +219,6 @@ class Session:
             if not digest.coarse.counts.any():
                 yield f"{name}: {digest.conditioner.fault or digest.status().waiting or 'no samples'}"
             yield from (f"{name}: {line}" for line in digest.status().warnings)
-
-
-def _on_grid(mean: Bins, size: int) -> tuple[Floats, Floats]:
-    """Means and counts (size,) by interval; 0 without samples."""
-    values, counts = np.zeros(size), np.zeros(size)
-    shared = min(size, mean.counts.size)
-    counts[:shared] = mean.counts[:shared]
-    values[:shared] = mean.sums[:shared, 0] / np.maximum(mean.counts[:shared], 1.0)
-    return values, counts
 
 
 def _drift_line(name: str, drift: RelativeDrift, seconds: float) -> str:

@@ -1,4 +1,7 @@
-"""Find the events of a session: read its bag once, and name the loading conditions as requested."""
+"""Find the events of a session: read its bag once, and name the loading conditions as requested.
+
+Only the first minute is read twice, for gravity.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ import numpy as np
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.suggestions import did_you_mean_file
-from biodyn_core.conditioning.gravity import of_session
+from biodyn_core.conditioning.gravity import Gravity, of_session
 from biodyn_core.conditioning.tilt import Vector
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_core.sessions.cases import CaseSpan, named, with_cases
@@ -25,12 +28,19 @@ from biodyn_ros.reading.events_file import FoundSession
 from biodyn_ros.reading.gravity import gravity_of
 from biodyn_ros.reading.marks import Mark
 from biodyn_ros.reading.provenance import bag_sha256
-from biodyn_ros.reading.sensors import ReadingOptions, check_seat, open_sensors
+from biodyn_ros.reading.sensors import ReadingOptions, SensorReading, check_seat, open_sensors
 
 BY_SEAT: Final = "seat"
 BY_MARKS: Final = "marks"
 
 COLUMNS: Final = ("start", "end", "case")
+
+FIRST_S: Final = 60.0
+
+NO_REST: Final = (
+    "no rest in the session: the gravity of its events is the mean over motion, and tilts by as much as the vehicle"
+    " accelerates: stand still for some seconds when you record"
+)
 
 END_MARK: Final = "end"
 """A mark of this name ends a loading condition; so does the next mark."""
@@ -61,8 +71,7 @@ def find_events(
     verticals = o.verticals()
     with open_sensors(bag, o) as sensors:
         epoch_ns, _ = sensors.first_of_seat()
-        # As of a part, so that conditioning begins with the first sample, and not after a rest.
-        gravity = {sensor: of_session(found) for sensor, found in gravity_of(sensors, verticals).items()}
+        gravity = _at_begin(sensors, verticals)
         session = Session(epoch_ns, sensors.conditioning, o.session, verticals, gravity)
         try:
             for sensor, block in sensors.blocks(progress):
@@ -79,8 +88,19 @@ def find_events(
     warnings = [*warnings, *sensors.clock_warnings(findings.seconds)]
     shown = tuple(line for line in findings.warnings if line.partition(":")[0] in present or ":" not in line)
     absent = tuple(f"{name}: not in the bag" for name in findings.statuses if name not in present)
+    if not findings.rests:
+        absent = (*absent, NO_REST)
     findings = replace(findings, events=with_cases(findings.events, spans), warnings=(*absent, *shown))
     return FoundSession(Path(bag), bag_sha256(bag), findings, tuple(warnings), epoch_ns)
+
+
+def _at_begin(sensors: SensorReading, verticals: Mapping[str, Vector]) -> dict[str, Gravity]:
+    """The gravity of sensors in the first minute, so that conditioning begins with the first sample.
+
+    Without a rest there it is the mean over motion: good enough to find events, whose own gravity is that of a rest.
+    """
+    found = gravity_of(sensors, verticals, FIRST_S)
+    return {sensor: replace(of_session(gravity), origin="session") for sensor, gravity in found.items()}
 
 
 def find_sessions(bags: Sequence[str | Path], options: SessionOptions, progress: OnProgress) -> list[FoundSession]:

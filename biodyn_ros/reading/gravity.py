@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -19,9 +20,15 @@ Gravities = dict[str, Gravity]
 """By sensor; without sensors that show no gravity or have a too short record."""
 
 
-def search_gravity(searches: Mapping[str, GravitySearch], samples: Iterable[tuple[str, LoggedImu]]) -> Gravities:
-    """Search samples by name until all searches are decided, usually after the first second."""
+def search_gravity(
+    searches: Mapping[str, GravitySearch], samples: Iterable[tuple[str, LoggedImu]], within_s: float = math.inf
+) -> Gravities:
+    """Search samples by name until all searches are decided, usually after the first second, or for a time."""
+    begin_ns: int | None = None
     for name, block in samples:
+        begin_ns = int(block.log_ns[0]) if begin_ns is None else begin_ns
+        if block.log_ns[0] - begin_ns > 1e9 * within_s:
+            break
         searches[name].push(block.stamps_ns, block.accel_mps2)
         if all(search.decided for search in searches.values()):
             break
@@ -29,13 +36,13 @@ def search_gravity(searches: Mapping[str, GravitySearch], samples: Iterable[tupl
     return {name: gravity for name, gravity in found.items() if gravity is not None}
 
 
-def gravity_of(sensors: SensorReading, verticals: Mapping[str, Vector]) -> Gravities:
-    """The gravity of every sensor of an open bag; verticals: the given ones."""
+def gravity_of(sensors: SensorReading, verticals: Mapping[str, Vector], within_s: float = math.inf) -> Gravities:
+    """The gravity of every sensor of an open bag; verticals: the given ones; within_s: the searched part of the bag."""
     searches = {
         sensor: gravity_search(settings_for(sensor, sensors.conditioning), verticals.get(sensor))
         for sensor in sensors.times
     }
-    return search_gravity(searches, sensors.samples())
+    return search_gravity(searches, sensors.samples(), within_s)
 
 
 def gravity_of_part(
