@@ -17,15 +17,17 @@ from pages import NASTY, Page, empty_drawings
 from session_bags import session_bag
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SENSORS
 from biodyn_core.sessions.findings import Fault
 from biodyn_core.sessions.settings import SessionSettings
 from biodyn_core.tracing.settings import FloorSettings
 from biodyn_ros.bag import BagWriter, open_bag
+from biodyn_ros.bag.cdr import STRING_TYPE
 from biodyn_ros.commands.cli import main
 from biodyn_ros.events.drawings import COLUMNS, decimated, timeline, timeline_rows
 from biodyn_ros.events.finding import SessionOptions, find_events, find_sessions, read_spans, spans_of
 from biodyn_ros.events.lacking import contents, lacking_for_fit, lacking_for_trace
-from biodyn_ros.events.page import events_page
+from biodyn_ros.events.page import events_page, tilts_deg
 from biodyn_ros.events.text import MOST_ROWS, text_of
 from biodyn_ros.fit.campaign_file import load_campaign
 from biodyn_ros.reading.dealing import TO_FIT, TO_TRACE, Dealable, deal
@@ -64,6 +66,10 @@ def test_the_file_holds_the_events(place: Path, found: FoundSession) -> None:
             (found.findings.rests[event.rest].begin_s, found.findings.rests[event.rest].end_s), abs=0.006
         )
     assert {part.case for part in parts} == {"road", "pothole", "rail"}
+    (session,) = yaml.safe_load((place / "session.events.yaml").read_text())["sessions"]
+    assert len(session["gravity_mps2"]) == len(session["rests_s"])
+    assert all(set(each) == set(SENSORS) for each in session["gravity_mps2"])
+    assert all(tilt < 0.5 for each in tilts_deg(found.findings.rests) for tilt in each.values())
     assert len(found.findings.rests) == 5
 
 
@@ -347,6 +353,25 @@ def test_a_wrong_table_is_one_line(tmp_path: Path, text: str, message: str) -> N
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         read_spans(path)
+
+
+def test_marks_of_the_bag_name_its_events(place: Path, tmp_path: Path) -> None:
+    """A node with a namespace has marked gravel at 1 s and its end at 19 s."""
+    bag = tmp_path / "marked.mcap"
+    with open_bag(place / "session.mcap") as reader, BagWriter(bag) as writer:
+        begin_ns = reader.start_ns or 0
+        for block in reader.blocks():
+            writer.add_topic(block.topic, block.type)
+            messages = np.frombuffer(b"".join(block.messages()), np.uint8).reshape(len(block), -1)
+            writer.write(block.topic, block.log_ns, messages)
+        writer.add_topic("/car/biodyn/marks", STRING_TYPE)
+        for at_s, name in ((1.0, "Gravel"), (19.0, "end")):
+            data = name.encode() + b"\0"
+            message = bytes([0, 1, 0, 0]) + len(data).to_bytes(4, "little") + data
+            stamp = np.array([begin_ns + round(1e9 * at_s)])
+            writer.write("/car/biodyn/marks", stamp, np.frombuffer(message, np.uint8)[None])
+    cases = [event.case for event in find_events(bag, SessionOptions(cases="marks")).findings.events]
+    assert cases == ["gravel", "pothole", "rail", "road"]
 
 
 def test_marks_of_a_bag_are_needed_to_name_by_them(place: Path) -> None:

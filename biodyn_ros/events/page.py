@@ -6,8 +6,10 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
-from biodyn_core.sessions.findings import Findings
+from biodyn_core.base.segments import SENSORS, STANDARD_GRAVITY_MPS2
+from biodyn_core.conditioning.gravity import angle_deg
+from biodyn_core.conditioning.tilt import Vector
+from biodyn_core.sessions.findings import Findings, Rest
 from biodyn_ros import __version__
 from biodyn_ros.events.drawings import colours_of, timeline
 from biodyn_ros.events.lacking import lacking_for_fit, lacking_for_trace
@@ -50,9 +52,22 @@ def _session(one: FoundSession) -> dict[str, Any]:
         "counts": Counter(event.case for event in found.events),
         "colours": colours_of(found),
         "warnings": one.all_warnings,
+        "sensors": [name for name in SENSORS if any(name in rest.gravity_mps2 for rest in found.rests)],
+        "tilts": tilts_deg(found.rests),
         "timeline_svg": timeline(found),
         "waterfall_svg": _waterfall(found),
     }
+
+
+def tilts_deg(rests: Sequence[Rest]) -> list[dict[str, float]]:
+    """By rest and sensor, the angle of gravity to that in the first rest of the sensor."""
+    first: dict[str, Vector] = {}
+    found = []
+    for rest in rests:
+        for name, mean in rest.gravity_mps2.items():
+            first.setdefault(name, mean)
+        found.append({name: angle_deg(first[name], mean) for name, mean in rest.gravity_mps2.items()})
+    return found
 
 
 def _waterfall(found: Findings) -> Any:

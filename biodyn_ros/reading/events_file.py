@@ -34,7 +34,7 @@ TIME_DIGITS: Final = 2
 _EVENT: Final = ("bag", "start_s", "end_s", "case")
 _EVENT_MORE: Final = ("name", "peak_mps2", "level_mps2", "aw_mps2", "shocks", "rest_s", "rest_bag", "quality")
 _SESSION: Final = ("bag", "sha256", "seconds")
-_SESSION_MORE: Final = ("rests_s", "clock_ppm", "faults", "warnings")
+_SESSION_MORE: Final = ("rests_s", "gravity_mps2", "clock_ppm", "faults", "warnings")
 
 LARGEST_PPM: Final = 1000.0
 """A larger drift is none of a clock."""
@@ -110,6 +110,10 @@ def _session(one: FoundSession, folder: Path) -> dict[str, Any]:
         "sha256": one.sha256,
         "seconds": _time(found.seconds),
         "rests_s": [[_time(rest.begin_s), _time(rest.end_s)] for rest in found.rests],
+        "gravity_mps2": [
+            {name: [round(axis, 3) for axis in mean] for name, mean in rest.gravity_mps2.items()}
+            for rest in found.rests
+        ],
         "clock_ppm": {name: round(drift.ppm, 2) for name, drift in found.drifts.items()},
         "faults": [
             f"{fault.sensor}: {fault.kind} from {fault.begin_s:.1f} to {fault.end_s:.1f} s" for fault in found.faults
