@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from recordings import tram
 from scipy import signal
 from world import sensors
 from world.seats import RATE_HZ
@@ -190,6 +192,58 @@ def test_a_rest_gives_the_gravity_of_the_sensors_that_rest() -> None:
     assert last.gravity_mps2["neck"] == pytest.approx((-G * np.sin(turn), 0.0, G * np.cos(turn)), abs=0.02)
     assert any(line.startswith("neck: turned by 12 deg") for line in found.warnings)
     assert [event.rest for event in found.events] == [0, 1]
+
+
+def test_peaks_of_a_rough_road_are_no_shocks() -> None:
+    """At 2 m/s^2 rms peaks of 0.8 g are 4 times the level, and not rare."""
+    up = shaken(120.0, 2.0)
+    assert np.abs(up).max() > LEAST_G * G
+    found = found_in({"seat": made(120.0, up)})
+    assert found.events and not [event for event in found.events if event.shocks]
+    by_peak = found_in({"seat": made(120.0, up)}, SessionSettings(shock_crest=3.0))
+    assert any(event.shocks for event in by_peak.events)
+
+
+def test_a_vehicle_that_gathers_speed_smoothly_is_not_at_rest() -> None:
+    """Up to 1.4 m/s^2 forward for 10 s, as a tram: quieter than 0.3 m/s^2 rms, but louder than at a stop."""
+    stamps, samples = made(60.0, shaken(60.0, 0.8))
+    quiet = slice(round(30.0 * SEAT_HZ), round(40.0 * SEAT_HZ))
+    count = quiet.stop - quiet.start
+    samples[quiet] = [0.0, 0.0, G] + 0.12 * np.random.default_rng(0).standard_normal((count, 3))
+    samples[quiet, 0] += 1.2 * np.interp(np.arange(count) / SEAT_HZ, [0.0, 4.0, 6.0, 10.0], [0.0, 1.2, 1.2, 0.0])
+    rests = found_in({"seat": (stamps, samples)}).rests
+    assert [(rest.begin_s, rest.end_s) for rest in rests] == [(0.0, 5.0)]
+
+
+def test_a_rest_on_a_slope_gives_no_gravity_and_no_alarm() -> None:
+    """The vehicle stands three times, once tilted by 8 deg; all sensors turn with it."""
+    up = shaken(120.0, 0.8)
+    for begin_s in (40.0, 80.0):
+        up[round(begin_s * SEAT_HZ) : round((begin_s + 10.0) * SEAT_HZ)] = 0.0
+    lean = np.deg2rad(8.0)
+    turn = np.array([[np.cos(lean), 0, np.sin(lean)], [0, 1, 0], [-np.sin(lean), 0, np.cos(lean)]])
+    streams = {}
+    for number, name in enumerate(("seat", "head")):
+        stamps, samples = made(120.0, up, seed=number)
+        here = slice(round(40.0 * SEAT_HZ), round(50.0 * SEAT_HZ))
+        samples[here] = samples[here] @ turn
+        streams[name] = stamps, samples
+    found = found_in(streams)
+    assert len(found.rests) == 3 and {event.rest for event in found.events} == {0, 2}
+    assert not [line for line in found.warnings if "turned" in line]
+
+
+def test_the_rests_of_a_recorded_tram_are_its_stops(shared_data: Path) -> None:
+    """By eye: 12 to 46, 99 to 112, 171 to 187, and 235 s to the end; a swaying passenger may divide one."""
+    stamps, samples = tram(shared_data, "L3_StnVinohrady_Riazanska.csv")
+    found = found_in({"seat": (stamps, samples)}, gravity=None)
+    stops = [(12.0, 46.5), (99.0, 112.5), (171.0, 187.0), (235.0, 240.0)]
+    for rest in found.rests:
+        assert any(begin - 1.0 <= rest.begin_s and rest.end_s <= end + 1.0 for begin, end in stops)
+    for begin, end in stops:
+        rested = sum(max(0.0, min(rest.end_s, end) - max(rest.begin_s, begin)) for rest in found.rests)
+        assert rested > 0.75 * (end - begin)
+    assert {event.case for event in found.events} == {"road"}
 
 
 def test_faults_of_sensors_are_stretches_and_in_the_quality_of_events() -> None:

@@ -20,13 +20,16 @@ from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.recording.flags import stretches
 from biodyn_core.recording.recording import WARM_UP_S
 from biodyn_core.sessions.bins import Bins
-from biodyn_core.sessions.digest import HIGH, LEVELLED, LOW_PASSED, SQUARE
+from biodyn_core.sessions.digest import COARSE_S, HIGH, LEVELLED, LOW_PASSED, SQUARE
 from biodyn_core.sessions.settings import SessionSettings
 
 Kind = Literal["train", "shock", "steady"]
 
 SEAT_GAP_S: Final = 0.1
 """A longer gap of the seat ends an event: nothing can be predicted across it."""
+
+LEVEL_QUANTILE: Final = 0.25
+"""Of half seconds around a shock: three quarters of them may hold shocks. In a steady drive it is 0.9 of the rms."""
 
 QUIETEST_SHARE: Final = 0.05
 """The share of a session, by its quietest half seconds, that shows how still the vehicle can be."""
@@ -151,14 +154,20 @@ def is_idling(fine: Bins, begin_s: float, end_s: float, settings: SessionSetting
 
 
 def _level_mps2(fine: Bins, around_s: float) -> Floats:
-    """The level around each interval, rms: a median of the intervals' rms, on which single shocks have no weight."""
-    rms = np.sqrt(fine.sums[:, LOW_PASSED] / np.maximum(fine.counts, 1.0))
-    present = fine.counts > 0.0
-    size = max(3, round(around_s / fine.width_s)) | 1
-    level = np.zeros(rms.size)
+    """The level around each interval, rms: a low quantile over half seconds, on which a few shocks have no weight."""
+    each = round(COARSE_S / fine.width_s)
+    short = -fine.counts.size % each
+    squares, counts = (
+        np.append(values, np.zeros(short)).reshape(-1, each).sum(axis=1)
+        for values in (fine.sums[:, LOW_PASSED], fine.counts)
+    )
+    present = counts > 0.0
+    level = np.zeros(counts.size)
     if present.any():
-        level[present] = ndimage.median_filter(rms[present], size=size, mode="nearest")
-    return level
+        rms = np.sqrt(squares[present] / counts[present])
+        size = max(3, round(around_s / COARSE_S)) | 1
+        level[present] = ndimage.percentile_filter(rms, 100.0 * LEVEL_QUANTILE, size=size, mode="nearest")
+    return np.repeat(level, each)[: fine.counts.size]
 
 
 def _group(peaks: Floats, begin: int, end: int, width_s: float, s: SessionSettings) -> Group:
