@@ -24,10 +24,10 @@ FIT_MINUTES: Final = 40.0
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the whole study, about forty minutes on one core, and 15 GB of memory."""
+    """Run the whole study, about half an hour on one core, and 10 GB of memory."""
     parser = argparse.ArgumentParser(prog="python -m blind sessions")
     parser.add_argument("--sessions", type=int, default=10, metavar="N", help="sessions to search (default 10)")
-    parser.add_argument("--people", type=int, default=3, metavar="N", help="people to fit (default 3)")
+    parser.add_argument("--people", type=int, default=2, metavar="N", help="people to fit (default 2)")
     options = parser.parse_args(arguments)
     begin = time.perf_counter()
 
