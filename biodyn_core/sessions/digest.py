@@ -89,7 +89,7 @@ class SensorDigest:
         return x, y, z
 
     def rms_about_mean(self, begin_s: float, end_s: float) -> float:
-        """The rms over all axes about the mean; NaN without samples."""
+        """The rms over all axes about the mean; 0 without samples."""
         here = self.coarse.extent(begin_s, end_s)
         count = max(float(self.coarse.counts[here].sum()), 1e-300)
         mean = self.coarse.sums[here, LEVELLED].sum(axis=0) / count

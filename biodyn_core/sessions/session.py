@@ -71,7 +71,6 @@ class Session:
             name: self._seat if name == SEAT else SensorDigest(one, epoch_ns, self.settings)
             for name, one in conditioners.items()
         }
-
         self._phases = {name: PhaseMeter(FINE_S) for name in SENSORS if name != SEAT}
         self._block = 0
 

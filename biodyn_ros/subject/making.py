@@ -70,11 +70,6 @@ class MadeSubject:
     steps: Mapping[str, Step]
     used: UsedEvents | None
 
-    @property
-    def is_complete(self) -> bool:
-        """Whether every step is done."""
-        return all(step.state == "done" for step in self.steps.values())
-
 
 def make_subject(
     sessions: Bags, given: Subject, directory: Path, options: SubjectOptions, helpers: Helpers
