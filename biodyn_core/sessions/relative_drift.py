@@ -25,8 +25,8 @@ BAND_HZ: Final = (1.0, 12.0)
 BLOCK_FRAMES: Final = 8
 """Spectra that are summed before the search, within 20 s: no clock drifts noticeably."""
 
-LEAST_FRAMES: Final = 48
-"""Two minutes of motion."""
+LEAST_FRAMES: Final = 24
+"""One minute of motion."""
 
 LARGEST_DRIFT: Final = 200e-6
 """No quartz is farther off."""
@@ -56,11 +56,12 @@ class RelativeDrift:
 class PhaseMeter:
     """Phase of a sensor against the seat over a session: `add` blocks of values, then read the `drift`.
 
-    width_s: of the intervals of the values. Memory is that of one phase for each frequency and block.
+    width_s: of the intervals of the values. least_mps2: least rms of the seat in a frame that counts. Memory is that of
+    one phase for each frequency and block.
     """
 
-    def __init__(self, width_s: float) -> None:
-        self._width_s = width_s
+    def __init__(self, width_s: float, least_mps2: float) -> None:
+        self._width_s, self._least_mps2 = width_s, least_mps2
         frequency_hz = np.arange(FRAME // 2 + 1) / (FRAME * width_s)
         self._inside = np.flatnonzero((frequency_hz >= BAND_HZ[0]) & (frequency_hz <= BAND_HZ[1]))
         self._frequency_hz = frequency_hz[self._inside]
@@ -72,12 +73,12 @@ class PhaseMeter:
     def add(self, number: int, seat: Floats, sensor: Floats, usable: Flags) -> None:
         """Add the values of both in the intervals of a block (`block_extent`), (n,) each.
 
-        usable (n,): with samples of both, in motion; only frames that are usable throughout count.
+        usable (n,): with samples of both; only frames that are usable throughout, and move, count.
         """
         total, times = np.zeros(self._inside.size, dtype=np.complex128), []
         for at in range(0, BLOCK_FRAMES * HOP, HOP):
             here = slice(at, at + FRAME)
-            if usable[here].all():
+            if usable[here].all() and np.sqrt((seat[here] ** 2).mean()) >= self._least_mps2:
                 total += self._phase(seat[here], sensor[here])
                 times.append(block_extent(number)[0] + at + 0.5 * FRAME)
         if times:

@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
-from scipy import ndimage
 
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.segments import SEAT, SENSORS
@@ -71,7 +70,7 @@ class Session:
             name: self._seat if name == SEAT else SensorDigest(one, epoch_ns, self.settings)
             for name, one in conditioners.items()
         }
-        self._phases = {name: PhaseMeter(FINE_S) for name in SENSORS if name != SEAT}
+        self._phases = {name: PhaseMeter(FINE_S, self.settings.steady_level_mps2) for name in SENSORS if name != SEAT}
         self._block = 0
 
     def push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats) -> None:
@@ -195,22 +194,12 @@ class Session:
         while block_extent(self._block)[1] <= complete or (final and block_extent(self._block)[0] < mean.end):
             begin, end = block_extent(self._block)
             seat, of_seat = mean.means(begin, end)
-            moving = (of_seat > 0.0) & self._is_moving(begin, end)
             for name, meter in self._phases.items():
                 sensor, of_sensor = self._digests[name].mean.means(begin, end)
-                meter.add(self._block, seat, sensor, moving & (of_sensor > 0.0))
+                meter.add(self._block, seat, sensor, (of_seat > 0.0) & (of_sensor > 0.0))
             self._block += 1
             for digest in self._digests.values():
                 digest.mean.drop(block_extent(self._block)[0])
-
-    def _is_moving(self, begin: int, end: int) -> Flags:
-        """Whether the seat moves in intervals of 20 ms, (n,); pauses of half a second do not count."""
-        fine, size = self._seat.fine, end - begin
-        level = np.zeros(size)
-        squares, counts = fine.sums[begin:end, LOW_PASSED], fine.counts[begin:end]
-        level[: counts.size] = np.sqrt(squares / np.maximum(counts, 1.0))
-        around = ndimage.maximum_filter1d(level, round(COARSE_S / FINE_S))
-        return np.asarray(around >= self.settings.steady_level_mps2)
 
     def _warnings(self) -> Iterator[str]:
         """Warnings about sensors, one line each."""
