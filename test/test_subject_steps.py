@@ -154,6 +154,16 @@ def test_a_step_that_fails_has_its_reason_and_the_rest_goes_on(bag: Path, tmp_pa
     assert "There is no resulting subject" in text and "without a fit there is nothing to validate" in text
 
 
+def test_an_edited_table_of_conditions_is_read_again(bag: Path, tmp_path: Path) -> None:
+    table = tmp_path / "cases.csv"
+    named = dataclasses.replace(OPTIONS.session, cases=str(table))
+    options = dataclasses.replace(OPTIONS, session=named, fit=dataclasses.replace(OPTIONS.fit, profiles=("nothing",)))
+    for case in ("gravel", "cobbles"):
+        table.write_text(f"start,end,case\n0,20,{case}\n")
+        found, _ = make(bag, tmp_path / "out", options=options)
+        assert found.used is not None and case in {part.case for part in (*found.used.fit, *found.used.held_out)}
+
+
 def test_a_session_without_events_is_refused(tmp_path: Path) -> None:
     short = session_bag(tmp_path / "still.mcap", cases=())
     with pytest.raises(InputError, match=r"still\.mcap: no event in 7\.0 s"):

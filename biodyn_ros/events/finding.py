@@ -57,6 +57,11 @@ class SessionOptions(ReadingOptions):
     session: SessionSettings = field(default_factory=SessionSettings)
     cases: str = BY_SEAT
 
+    @property
+    def table(self) -> Path | None:
+        """The table that names loading conditions, None without one."""
+        return None if self.cases in (BY_SEAT, BY_MARKS) else Path(self.cases)
+
     def verticals(self) -> dict[str, Vector]:
         """The given verticals by sensor; raises InputError for an invalid one."""
         return PipelineSettings(vertical=self.vertical).verticals()
@@ -67,7 +72,7 @@ def find_events(
 ) -> FoundSession:
     """Find the events of a session; raises InputError for a bag without a usable seat, or without events."""
     o = options or SessionOptions()
-    spans = [] if o.cases in (BY_SEAT, BY_MARKS) else read_spans(Path(o.cases))
+    spans = [] if o.table is None else read_spans(o.table)
     verticals = o.verticals()
     with open_sensors(bag, o) as sensors:
         epoch_ns, _ = sensors.first_of_seat()

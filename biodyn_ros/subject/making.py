@@ -12,13 +12,13 @@ from typing import Any, Final
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.parallel import ParallelMap
 from biodyn_core.body.subject import Subject, load_subject
-from biodyn_ros.base.files import make_directory, remove, write_text
+from biodyn_ros.base.files import exists, make_directory, remove, write_text
 from biodyn_ros.events.finding import SessionOptions, find_sessions
 from biodyn_ros.fit.fitting import FitOptions, fit_bags, write_fitted
 from biodyn_ros.fit.summary import summary_of
 from biodyn_ros.reading.events_file import FoundSession, load_events, write_events
 from biodyn_ros.reading.parts import BagPart
-from biodyn_ros.reading.provenance import bag_sha256, source_of
+from biodyn_ros.reading.provenance import bag_sha256, sha256_of, source_of
 from biodyn_ros.subject.steps import Step, StepLog, key_of
 from biodyn_ros.subject.uses import UsedEvents, used_events
 from biodyn_ros.trace.tracing import TraceOptions, trace_bags, write_traced
@@ -97,7 +97,9 @@ class _Steps:
     def events(self, sessions: Bags) -> UsedEvents:
         """Find the events, or take an edited file of an earlier run, and deal them."""
         o, path = self._options, self._directory / EVENTS
-        key = key_of([bag_sha256(bag) for bag in sessions], o.session)
+        table = o.session.table
+        named = sha256_of([table]) if table is not None and exists(table) else ""
+        key = key_of([bag_sha256(bag) for bag in sessions], o.session, named)
 
         def work() -> dict[str, Any]:
             with self._helpers.monitor("reading sessions") as progress:

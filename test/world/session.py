@@ -1,6 +1,6 @@
 """Sessions: drives of many minutes with a list of planted shocks, trains of shocks, steady stretches and standstills.
 
-Roads are made here, never recorded: a recorded road has shocks that nobody has listed.
+All roads are simulated: the shocks of a recorded road are in no list.
 """
 
 from __future__ import annotations
