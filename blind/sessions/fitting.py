@@ -36,6 +36,7 @@ LEAD_S, TAIL_S = 3.0, 2.0
 LEAST_ROAD_S: Final = 15.0
 LONGEST_ROAD_S: Final = 30.0
 PER_CASE: Final = 8
+PIECE_S: Final = 60.0
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ def _written(
     motions = [session(minutes, rng) for _ in range(len(persons))]
     count = min(len(motion.accel_mps2) for motion in motions)
     seats = [motion.accel_mps2[:count] for motion in motions]
-    answers = body.accelerations(persons, RATE_HZ, np.column_stack([seat[:, 2] for seat in seats]))
+    answers = body.accelerations(persons, RATE_HZ, np.column_stack([seat[:, 2] for seat in seats]), piece_s=PIECE_S)
     found = []
     for k, (seat, answer, imus) in enumerate(zip(seats, answers, worn, strict=True)):
         up, streams = np.column_stack([seat[:, 2], answer]), {}

@@ -26,10 +26,9 @@ if its time is right within {NEAR_S:g} s; a crossing has four strikes, and any t
 {LEAST_G:g} g must not be reported. All settings of the search are the defaults. They were chosen on other sessions
 of the same simulation, and on recorded trams and buses.
 
-For the fits, people sit in such sessions of twelve minutes, by the paper's equations and DOP853, with tilted, biased
-and noisy sensors of one clock; 40 minutes of DOP853 need more memory than 20 GB. Each person is fitted twice: on events
-that were found, and on events cut by hand with the hidden list, at most eight of each condition. Both subjects predict
-another drive.
+For the fits, people sit in such sessions, by the paper's equations and DOP853, with tilted, biased and noisy sensors of
+one clock. Each person is fitted twice: on events that were found, and on events cut by hand with the hidden list, at
+most eight of each condition. Both subjects predict another drive.
 """
 
 

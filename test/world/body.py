@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
@@ -79,9 +80,16 @@ def paper_joints(people: People) -> JointForce:
 
 
 def accelerations(
-    people: People, rate_hz: float, seat_mps2: Floats, joints: Callable[[People], JointForce] = paper_joints
+    people: People,
+    rate_hz: float,
+    seat_mps2: Floats,
+    joints: Callable[[People], JointForce] = paper_joints,
+    piece_s: float = math.inf,
 ) -> Floats:
-    """Absolute accelerations (p, n, 6) from rest on seats (n, p) at rate_hz, cubic splines between samples."""
+    """Absolute accelerations (p, n, 6) from rest on seats (n, p) at rate_hz, cubic splines between samples.
+
+    A long motion is integrated in pieces of piece_s, each from the end of the one before: the solver keeps every step.
+    """
     force, inertia, alpha_r = joints(people), people.inertia_kg, people.theta[:, 12:13]
     shape, time_s = (2, len(people), 6), np.arange(len(seat_mps2)) / rate_hz
     pieces = interpolate.CubicSpline(time_s, seat_mps2).c  # (4, n - 1, p)
@@ -103,11 +111,17 @@ def accelerations(
         x, v = state.reshape(shape)
         return np.stack([v, upward(x, v) - seat(t)[:, None]]).ravel()
 
-    # While the seat rests the squares of errors underflow to 0 / 0; the solver then tries a shorter step.
-    with np.errstate(invalid="ignore"):
-        found = integrate.solve_ivp(
-            slope, (0.0, time_s[-1]), np.zeros(shape).ravel(), "DOP853", time_s,
-            rtol=RELATIVE_TOLERANCE, atol=ABSOLUTE_TOLERANCE, max_step=4e-3,
-        )  # fmt: skip
-    states = found.y.T.reshape(-1, *shape)
-    return np.array([upward(x, v) for x, v in states]).swapaxes(0, 1)
+    answer, state, begin = np.empty((time_s.size, len(people), 6)), np.zeros(shape).ravel(), 0
+    most = max(2, round(min(piece_s * rate_hz, time_s.size)))
+    while begin < time_s.size - 1:
+        here_s = time_s[begin : begin + most]
+        # While the seat rests the squares of errors underflow to 0 / 0; the solver then tries a shorter step.
+        with np.errstate(invalid="ignore"):
+            found = integrate.solve_ivp(
+                slope, (here_s[0], here_s[-1]), state, "DOP853", here_s,
+                rtol=RELATIVE_TOLERANCE, atol=ABSOLUTE_TOLERANCE, max_step=4e-3,
+            )  # fmt: skip
+        for index, (x, v) in enumerate(found.y.T.reshape(-1, *shape), begin):
+            answer[index] = upward(x, v)
+        state, begin = found.y[:, -1], begin + here_s.size - 1
+    return answer.swapaxes(0, 1)
