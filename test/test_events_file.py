@@ -28,6 +28,7 @@ from biodyn_ros.events.drawings import COLUMNS, decimated, timeline, timeline_ro
 from biodyn_ros.events.finding import SessionOptions, find_events, find_sessions, read_spans, spans_of
 from biodyn_ros.events.lacking import contents, lacking_for_fit, lacking_for_trace
 from biodyn_ros.events.page import events_page, tilts_deg
+from biodyn_ros.events.refusals import REFUSALS
 from biodyn_ros.events.text import MOST_ROWS, text_of
 from biodyn_ros.fit.campaign_file import load_campaign
 from biodyn_ros.reading.dealing import TO_FIT, TO_TRACE, Dealable, deal
@@ -144,8 +145,8 @@ def test_a_campaign_of_fits_takes_parts_and_events_files(place: Path) -> None:
 # --- several files and folders ---------------------------------------------------------------------------------------
 
 
-def cut(bag: Path, folder: Path, spans_s: list[tuple[float, float]]) -> Path:
-    """A recording of several files, each with the messages logged between two times."""
+def cut(bag: Path, folder: Path, spans_s: list[tuple[float, float]], head_s: float = 0.0) -> Path:
+    """A recording of several files, each with the messages logged between two times; the head joins at head_s."""
     folder.mkdir()
     with open_bag(bag) as reader:
         begin_ns = reader.start_ns or 0
@@ -153,7 +154,8 @@ def cut(bag: Path, folder: Path, spans_s: list[tuple[float, float]]) -> Path:
             with BagWriter(folder / f"drive_{number}.mcap") as writer:
                 for block in reader.blocks():
                     since_s = 1e-9 * (block.log_ns - begin_ns)
-                    rows = np.flatnonzero((since_s >= begin_s) & (since_s < end_s))
+                    joins_s = head_s if "head" in block.topic else 0.0
+                    rows = np.flatnonzero((since_s >= max(begin_s, joins_s)) & (since_s < end_s))
                     writer.add_topic(block.topic, block.type)
                     if rows.size:
                         messages = np.frombuffer(b"".join(block.messages()), np.uint8).reshape(len(block), -1)
@@ -257,10 +259,38 @@ def test_the_command_writes_file_and_page(place: Path, tmp_path: Path, capsys: p
     assert not output.with_suffix(".html").exists()
 
 
-def test_a_refused_session_leaves_nothing(place: Path, tmp_path: Path) -> None:
-    output = tmp_path / "new" / "a.yaml"
-    assert main(["events", f"{place / 'session.mcap'}@0..4", "-o", str(output)]) == 2
+DOUBTFUL = {
+    "no-rest": ((24.0, 34.5), 0.0, "no rest in 10"),
+    "one-condition": ((0.0, 22.0), 0.0, "all events are of one loading condition (road)"),
+    "late-sensor": ((0.0, 99.0), 9.6, "head joins 9.5 s after the seat"),
+}
+"""The part of the session, when the head joins, and the line."""
+
+
+@pytest.mark.parametrize("reason", DOUBTFUL)
+def test_a_doubtful_session_is_refused_unless_it_is_allowed(
+    reason: str, place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert set(DOUBTFUL) == set(REFUSALS)
+    span_s, head_s, line = DOUBTFUL[reason]
+    bag = cut(place / "session.mcap", tmp_path / "part", [span_s], head_s)
+    output, others = tmp_path / "new" / "a.yaml", ",".join({*REFUSALS} - {reason})
+    command = ["events", str(bag), "-o", str(output), "--steady-least-s", "3", "--no-report"]
+    assert main([*command, "--allow", others]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and line in said and f"(--allow {reason})" in said
     assert not output.parent.exists()
+    assert main([*command, "--allow", f"{others},{reason}"]) == 0
+    assert load_events(output)
+
+
+def test_an_unknown_reason_and_a_part_of_a_bag_are_refused(
+    place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for bag, reason, line in (("", "norest", "did you mean no-rest?"), ("@0..4", "", "events are found in whole bags")):
+        output = tmp_path / "new" / "a.yaml"
+        assert main(["events", f"{place / 'session.mcap'}{bag}", "-o", str(output), "--allow", reason]) == 2
+        assert line in capsys.readouterr().err and not output.parent.exists()
 
 
 # --- text and page ---------------------------------------------------------------------------------------------------

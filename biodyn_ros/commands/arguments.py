@@ -90,6 +90,19 @@ def add_time(command: CommandParser) -> None:
     command.add_argument("--time", choices=("header", "log"), default="header", help=text)
 
 
+def add_cases(command: CommandParser) -> None:
+    """Add the options for loading conditions, and for sessions that are refused otherwise."""
+    command.add_argument(
+        "--cases",
+        default="seat",
+        metavar="HOW",
+        help="loading conditions: by the seat's motion (seat), by the bag's marks (marks), or by a file with the"
+        " columns start,end,case (default seat)",
+    )
+    text = "accept sessions that are refused otherwise: no-rest, one-condition, late-sensor, separated by commas"
+    command.add_argument("--allow", default="", metavar="REASON", help=text)
+
+
 def add_seed(command: CommandParser, text: str) -> None:
     """Add the option for the seed of random numbers."""
     command.add_argument("--seed", type=_seed, default=0, metavar="N", help=f"{text} (default 0)")

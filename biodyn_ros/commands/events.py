@@ -8,6 +8,7 @@ from pathlib import Path
 from biodyn_core.base.errors import InputError
 from biodyn_ros.base.progress import Progress
 from biodyn_ros.commands.arguments import (
+    add_cases,
     add_map,
     add_settings,
     add_time,
@@ -28,13 +29,7 @@ def _add(command: CommandParser) -> None:
     add_map(command)
     add_time(command)
     add_vertical(command)
-    command.add_argument(
-        "--cases",
-        default="seat",
-        metavar="HOW",
-        help="loading conditions: by the seat's motion (seat), by the bag's marks (marks), or by a file with the"
-        " columns start,end,case (default seat)",
-    )
+    add_cases(command)
     add_settings(command, "events", SessionSettings, ("shock_g", "steady_least_s"))
     add_settings(command, "conditioning", ConditioningSettings)
     command.add_argument("--no-report", action="store_true", help="do not write OUT.html")
@@ -48,6 +43,7 @@ def _run(options: argparse.Namespace) -> None:
     from biodyn_core.sessions.settings import SessionSettings
     from biodyn_ros.base.files import check_directory, make_directory, remove
     from biodyn_ros.events.finding import SessionOptions, find_sessions
+    from biodyn_ros.events.refusals import parse_allowed
     from biodyn_ros.events.text import text_of
     from biodyn_ros.reading.events_file import events_document, is_events_file, write_events
     from biodyn_ros.reading.mapping import parse_map
@@ -64,6 +60,7 @@ def _run(options: argparse.Namespace) -> None:
         vertical=options.vertical,
         session=settings_of(options, SessionSettings),
         cases=options.cases,
+        allowed=parse_allowed(options.allow),
     )
     with Progress("reading") as progress:
         sessions = find_sessions(options.bag, how, progress)

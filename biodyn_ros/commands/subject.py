@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from biodyn_core.base.errors import InputError
 from biodyn_ros.base.progress import Progress
 from biodyn_ros.commands.arguments import (
+    add_cases,
     add_executor,
     add_reading,
     add_seed,
@@ -35,9 +36,7 @@ def _add(command: CommandParser) -> None:
     command.add_argument("bag", nargs="*", metavar="SESSION", help="bags of one person")
     command.add_argument("--subject", metavar="S", help="subject file, with or without parameters, or a bundled name")
     command.add_argument("--campaign", metavar="FILE", help="many people, from a file; each has a directory in DIR")
-    command.add_argument(
-        "--cases", default="seat", metavar="HOW", help="loading conditions, as in biodyn events (default seat)"
-    )
+    add_cases(command)
     command.add_argument(
         "--per-case", type=int, default=12, metavar="N",
         help="most events of a loading condition that are used (3 to 200, default 12)",
@@ -123,6 +122,7 @@ def how_of(options: argparse.Namespace) -> SubjectOptions:
     from biodyn_core.sessions.settings import SessionSettings
     from biodyn_core.tracing.settings import TraceSettings
     from biodyn_ros.events.finding import SessionOptions
+    from biodyn_ros.events.refusals import parse_allowed
     from biodyn_ros.fit.fitting import FitOptions
     from biodyn_ros.subject.making import SubjectOptions
     from biodyn_ros.trace.tracing import TraceOptions
@@ -133,7 +133,7 @@ def how_of(options: argparse.Namespace) -> SubjectOptions:
     reading = reading_of(options)
     session = SessionOptions(
         reading.mapping, reading.time, reading.conditioning, reading.vertical, settings_of(options, SessionSettings),
-        options.cases,
+        options.cases, parse_allowed(options.allow),
     )  # fmt: skip
     base = FitSettings()
     fitting = settings_of(options, FitSettings, base)

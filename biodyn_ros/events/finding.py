@@ -24,9 +24,11 @@ from biodyn_core.sessions.findings import Findings, Rest
 from biodyn_core.sessions.session import Session
 from biodyn_core.sessions.settings import SessionSettings
 from biodyn_ros.base.progress import OnProgress, ignore_progress
+from biodyn_ros.events.refusals import check_sessions
 from biodyn_ros.reading.events_file import FoundSession
 from biodyn_ros.reading.gravity import gravity_of
 from biodyn_ros.reading.marks import Mark
+from biodyn_ros.reading.parts import part_of
 from biodyn_ros.reading.provenance import bag_sha256
 from biodyn_ros.reading.sensors import ReadingOptions, SensorReading, check_seat, open_sensors
 
@@ -51,11 +53,13 @@ class SessionOptions(ReadingOptions):
     """Options for reading a session and finding its events.
 
     cases: `seat` to name loading conditions by what the seat did, `marks` by the marks of the bag, or a table's path.
+    allowed: names of `REFUSALS` that do not stop the search.
     """
 
     vertical: str = ""
     session: SessionSettings = field(default_factory=SessionSettings)
     cases: str = BY_SEAT
+    allowed: tuple[str, ...] = ()
 
     @property
     def table(self) -> Path | None:
@@ -72,6 +76,8 @@ def find_events(
 ) -> FoundSession:
     """Find the events of a session; raises InputError for a bag without a usable seat, or without events."""
     o = options or SessionOptions()
+    if not part_of(bag).is_whole:
+        raise InputError(f"{bag}: events are found in whole bags; their parts are named in the events file")
     spans = [] if o.table is None else read_spans(o.table)
     verticals = o.verticals()
     with open_sensors(bag, o) as sensors:
@@ -109,7 +115,10 @@ def _at_begin(sensors: SensorReading, verticals: Mapping[str, Vector]) -> dict[s
 
 
 def find_sessions(bags: Sequence[str | Path], options: SessionOptions, progress: OnProgress) -> list[FoundSession]:
-    """Find the events of sessions, with a name of its own for each event; raises InputError for a bag given twice."""
+    """Find the events of sessions, with a name of its own for each event.
+
+    Raises InputError for a bag given twice, and for sessions that `check_sessions` refuses.
+    """
     found: list[FoundSession] = []
     for number, bag in enumerate(bags):
         one = find_events(bag, options, lambda done, total, at=number: progress(at * total + done, len(bags) * total))
@@ -117,13 +126,15 @@ def find_sessions(bags: Sequence[str | Path], options: SessionOptions, progress:
             raise InputError(f"{bag}: the same recording as {same}; give it once")
         found.append(one)
     names = iter(named([event for one in found for event in one.findings.events]))
-    return [
+    sessions = [
         replace(
             one, findings=replace(one.findings, events=tuple(next(names) for _ in one.findings.events)),
             warnings=(*one.warnings, *_seams(one, found)), borrowed=_nearest_rest(one, found),
         )
         for one in found
     ]  # fmt: skip
+    check_sessions(sessions, options.allowed)
+    return sessions
 
 
 def _seams(one: FoundSession, others: Sequence[FoundSession]) -> list[str]:
