@@ -80,6 +80,7 @@ class Run:
 
     predicted_ns: np.ndarray
     predicted: np.ndarray
+    motion: np.ndarray
     measured_ns: np.ndarray
     measured: np.ndarray
     exposure: Exposure
@@ -101,6 +102,7 @@ def run(
     return Run(
         np.concatenate([f.predicted.stamps_ns for f in frames]),
         np.concatenate([f.predicted.accel_mps2 for f in frames]),
+        np.concatenate([f.predicted.motion for f in frames]),
         np.concatenate([f.measured.stamps_ns for f in frames]),
         np.concatenate([f.measured.accel_mps2 for f in frames]),
         pipeline.exposure(),

@@ -84,7 +84,7 @@ def _chain(kind: str, keep_motion: bool, high: float) -> list:
         seat, np.empty((seat.size, 0)), np.linspace(-1e-3, 1e-3, 13),
         stiffness, chain.damping_n_s_per_m, stiffness * chain.stiffening_per_m, 1.0 / chain.inertia_kg,
         chain.rayleigh_rad_per_s, np.empty(0), step_s, 2, np.empty((seat.size, 6)),
-        np.empty((seat.size, 12)) if keep_motion and seat.size else np.empty((0, 12)),
+        np.empty((seat.size, 18)) if keep_motion and seat.size else np.empty((0, 18)),
     ]  # fmt: skip
 
 
@@ -213,6 +213,7 @@ ARGUMENTS: dict[str, Callable[[str], list]] = {
     "dynamic_response": _dynamic_response,
     "head_injury": _head_injury,
     "residual": _residual,
+    "peak_forces": lambda kind: [given(kind, 4), *_tally(4, 4)],
     "set_steady_state": _settle,
     "follow_attitude": _follow_up,
 }
@@ -282,7 +283,7 @@ def test_states_of_effects_are_integrated_as_the_motion_is(monkeypatch):
 
     def decaying(x, v, q, *others):
         bare(x, v, q, *others)
-        others[-1][:] = -rates[: q.size] * q
+        others[-2][:] = -rates[: q.size] * q
 
     monkeypatch.setattr(chain, "_accelerations", decaying)
     arguments = _chain("random", keep_motion=False, high=0.5)

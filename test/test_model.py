@@ -454,11 +454,12 @@ def test_sample_by_sample_gives_the_same_bits_and_the_same_motion(rate_hz):
     seat = half_sine(-5.0, 0.02, 0.4, rate_hz)
     chain = Chain.of(shipped("subject_1"))
     whole = chain.simulate(seat, rate_hz)
-    stepper, motion = Stepper(chain, rate_hz), np.empty((seat.size, 12))
+    stepper, motion = Stepper(chain, rate_hz), np.empty((seat.size, 18))
     accel = np.concatenate([stepper.push(seat[n : n + 1], motion[n : n + 1]) for n in range(seat.size)])
     np.testing.assert_array_equal(accel, whole.accel_mps2)
     np.testing.assert_array_equal(motion[:, :6], whole.displacement_m)
-    np.testing.assert_array_equal(motion[:, 6:], whole.velocity_mps)
+    np.testing.assert_array_equal(motion[:, 6:12], whole.velocity_mps)
+    np.testing.assert_array_equal(motion[:, 12:], whole.joint_force_n)
 
 
 def test_after_reset_the_chain_is_at_rest_again():

@@ -56,7 +56,7 @@ def orders(draw: st.DrawFn) -> list[tuple[str, int, int]]:
 def test_any_cut_and_any_interleaving_gives_the_same_frames_and_figures(order: list[tuple[str, int, int]]) -> None:
     reference = uncut()
     other = run(noisy_streams(), order)
-    for field in ("predicted_ns", "predicted", "measured_ns", "measured"):
+    for field in ("predicted_ns", "predicted", "motion", "measured_ns", "measured"):
         np.testing.assert_array_equal(getattr(other, field), getattr(reference, field), err_msg=field)
     assert other.exposure == reference.exposure
     assert other.pipeline.seat() == reference.pipeline.seat()

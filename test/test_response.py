@@ -247,7 +247,7 @@ def test_the_printed_seat_force_points_the_wrong_way(long_response):
 def test_several_responses_are_pooled_and_their_warm_up_left_out(long_response):
     def part(begin: int, end: int) -> Response:
         r, rows = long_response, slice(begin, end)
-        columns = (r.seat_mps2, r.accel_mps2, r.displacement_m, r.velocity_mps)
+        columns = (r.seat_mps2, r.accel_mps2, r.displacement_m, r.velocity_mps, r.joint_force_n)
         return Response(r.rate_hz, *(column[rows].copy() for column in columns))
 
     both = [part(0, 60_000), part(60_000, 120_000)]

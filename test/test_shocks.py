@@ -27,7 +27,9 @@ def ride(seconds: float, pulses: dict[float, float], head_gain: float = 1.5, nec
     measured = np.column_stack([seat, seat, seat, seat, seat if neck else np.full_like(seat, np.nan), head_gain * late])
     predicted = np.column_stack([seat, seat, seat, seat, seat, 2.0 * late])
     stamps_ns = EPOCH_NS + np.round(1e9 * time_s).astype(np.int64)
-    return PredictedFrames(stamps_ns, predicted), MeasuredFrames(stamps_ns, measured, measured[:, 1:])
+    return PredictedFrames(stamps_ns, predicted, np.zeros((len(predicted), 18))), MeasuredFrames(
+        stamps_ns, measured, measured[:, 1:]
+    )
 
 
 def found(predicted, measured, cuts=()):

@@ -38,6 +38,15 @@ MAX_EIGENVALUE_STEP: Final = 1.0
 """Largest |eigenvalue| x step. RK4 is stable to 2.78; the rest is room for strain stiffening."""
 
 
+MOTION_COLUMNS: Final = 3 * N_SEGMENTS
+"""Columns of a motion: displacements, velocities, and forces of the joints."""
+
+
+def parts_of_motion(motion: Floats) -> tuple[Floats, Floats, Floats]:
+    """Displacements m, velocities m/s and forces of the joints N, each (n, 6), views of a motion (n, 18)."""
+    return motion[:, :N_SEGMENTS], motion[:, N_SEGMENTS : 2 * N_SEGMENTS], motion[:, 2 * N_SEGMENTS :]
+
+
 @dataclass(frozen=True)
 class Modes:
     """Natural frequencies (6,) ascending, damping ratios (6,) by Eq. 14, mass-normalised shapes as columns (6, 6)."""
@@ -49,13 +58,19 @@ class Modes:
 
 @dataclass(frozen=True)
 class Response:
-    """Result of `simulate`: absolute accelerations, displacements and velocities relative to the seat, each (n, 6)."""
+    """Result of `simulate`, each (n, 6): absolute accelerations, displacements and velocities relative to the seat.
+
+    joint_force_n: dynamic force of the joint below each segment, positive in compression, without static weight.
+    Rayleigh damping counts as carried by the joints, so it is the sum of mass times acceleration of the segments above,
+    less the forces of effects on them. Under `cascade` it is that of a body three times as heavy.
+    """
 
     rate_hz: float
     seat_mps2: Floats
     accel_mps2: Floats
     displacement_m: Floats
     velocity_mps: Floats
+    joint_force_n: Floats
 
     @property
     def stretch_m(self) -> Floats:
@@ -243,9 +258,9 @@ class Chain:
     def simulate(self, seat_mps2: ArrayLike, rate_hz: float, channels: Mapping[str, Floats] | None = None) -> Response:
         """Response to a seat acceleration (n,) from rest, with the state over time; see `Stepper`."""
         seat = np.ascontiguousarray(seat_mps2, dtype=np.float64)
-        motion = np.empty((seat.size, 2 * N_SEGMENTS))
+        motion = np.empty((seat.size, MOTION_COLUMNS))
         accel = Stepper(self, rate_hz).push(seat, motion, channels)
-        return Response(rate_hz, seat, accel, motion[:, :N_SEGMENTS], motion[:, N_SEGMENTS:])
+        return Response(rate_hz, seat, accel, *parts_of_motion(motion))
 
 
 def predict(
@@ -292,8 +307,8 @@ class Stepper:
     ) -> Floats:
         """Advance over seat samples (n,) m/s^2 and return absolute accelerations (n, 6) m/s^2.
 
-        `motion` (n, 12), if given, receives relative displacements and velocities; `channels` (n,) by name: further
-        inputs of effects. Raises InputError for a missing one.
+        `motion` (n, MOTION_COLUMNS), if given, receives relative displacements, velocities, and forces of the joints;
+        `channels` (n,) by name: further inputs of effects. Raises InputError for a missing one.
         """
         accel = np.empty((seat_mps2.shape[0], N_SEGMENTS))
         drive = self._assembly.drive(channels)
@@ -327,7 +342,7 @@ class Stepper:
         return accel
 
 
-_NO_MOTION: Final = np.empty((0, 2 * N_SEGMENTS))
+_NO_MOTION: Final = np.empty((0, MOTION_COLUMNS))
 
 
 def _chain_matrix(joint: Floats) -> Floats:

@@ -9,7 +9,15 @@ from biodyn_core.kernels.alignment import interpolate
 from biodyn_core.kernels.attitude import follow_attitude
 from biodyn_core.kernels.chain import integrate_chain
 from biodyn_core.kernels.compiling import COMPILED
-from biodyn_core.kernels.exposure import dose, dynamic_response, head_injury, planar_dose, residual, set_steady_state
+from biodyn_core.kernels.exposure import (
+    dose,
+    dynamic_response,
+    head_injury,
+    peak_forces,
+    planar_dose,
+    residual,
+    set_steady_state,
+)
 from biodyn_core.kernels.guard import first_invalid
 from biodyn_core.kernels.rails import find_rails
 from biodyn_core.kernels.sensor import condition, filter_sections, level, regularise
@@ -27,6 +35,7 @@ __all__ = [
     "integrate_chain",
     "interpolate",
     "level",
+    "peak_forces",
     "planar_dose",
     "regularise",
     "residual",

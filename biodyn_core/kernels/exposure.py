@@ -266,3 +266,19 @@ def residual(
         position[0] += 1
         if position[0] == length:
             _close_bin(bin_, total, ring, position, 3)
+
+
+@compiled
+def peak_forces(force: Floats, bin_: Floats, total: Floats, ring: Floats, position: Integers, length: int) -> None:
+    """Accumulate per joint the sum of squares, samples, and largest values of force and of -force; NaN is skipped."""
+    for n in range(force.shape[0]):
+        for c in range(force.shape[1]):
+            value = force[n, c]
+            if not np.isnan(value):
+                bin_[c, 0] += value * value
+                bin_[c, 1] += 1.0
+                bin_[c, 2] = max(bin_[c, 2], value)
+                bin_[c, 3] = max(bin_[c, 3], -value)
+        position[0] += 1
+        if position[0] == length:
+            _close_bin(bin_, total, ring, position, 2)

@@ -12,7 +12,7 @@ from biodyn_core.kernels.compiling import compiled
 def first_invalid(accel: Floats, motion: Floats, max_stretch_m: float) -> int:
     """The first sample with a joint stretched by more than max_stretch_m, or with a non-finite value; n if none.
 
-    accel (n, 6) m/s^2; motion (n, 12) = displacements relative to the seat, velocities.
+    accel (n, 6) m/s^2; motion (n, 18) = displacements relative to the seat, then velocities and forces.
     """
     for n in range(accel.shape[0]):
         below = 0.0

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from biodyn_core.base.segments import HEAD, SEAT
 from biodyn_core.exposure.injury import Dri, Hic
+from biodyn_core.exposure.joint_forces import JointForce
 from biodyn_core.exposure.meters import Dose
 from biodyn_core.exposure.sensor_meters import SensorMeters
 from biodyn_core.pipeline.comparison import Compared
@@ -21,7 +22,8 @@ class Exposure:
     sensors: Wk-weighted, before the low-pass. predicted and measured_low_passed are comparable with each other: a
     prediction counts at once, a measurement when it is compared. compared: by segment, over the same samples of both.
     further: by weighting and sensor. residual: by segment, rms m/s^2 and rms over measured rms in percent. msdv_mps15:
-    motion sickness dose of the seat's vertical, Wf, since reset alone.
+    motion sickness dose of the seat's vertical, Wf, since reset alone. joint_forces: predicted, by the segment above
+    the joint.
     """
 
     sensors: dict[str, Dose]
@@ -34,6 +36,7 @@ class Exposure:
     further: dict[str, dict[str, Dose]]
     residual: dict[str, tuple[float, float]]
     compared: dict[str, Compared]
+    joint_forces: dict[str, JointForce]
 
 
 def exposure_of(
@@ -57,4 +60,5 @@ def exposure_of(
         further={weighting: {name: doses[weighting] for name, doses in further.items()} for weighting in weightings},
         residual=side.residual(rolling) if side else {},
         compared=side.comparison.compared_doses(rolling) if side else {},
+        joint_forces=side.joint_forces(rolling) if side else {},
     )

@@ -8,16 +8,23 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.segments import N_SEGMENTS, N_SENSORS
+from biodyn_core.body.model import MOTION_COLUMNS
 
 
 class PredictedFrames(NamedTuple):
-    """Predictions: stamps_ns (n,), accel_mps2 (n, 6) absolute, gravity-free, up, NaN where the model diverged."""
+    """Predictions: stamps_ns (n,), accel_mps2 (n, 6) absolute, gravity-free, up, NaN where the model diverged.
+
+    motion (n, 18): displacements and velocities relative to the seat, and forces of the joints (`parts_of_motion`).
+    """
 
     stamps_ns: Integers
     accel_mps2: Floats
+    motion: Floats
 
 
-NO_PREDICTED: Final = PredictedFrames(np.empty(0, dtype=np.int64), np.empty((0, N_SEGMENTS)))
+NO_PREDICTED: Final = PredictedFrames(
+    np.empty(0, dtype=np.int64), np.empty((0, N_SEGMENTS)), np.empty((0, MOTION_COLUMNS))
+)
 
 
 class MeasuredFrames(NamedTuple):

@@ -114,12 +114,11 @@ class Pipeline:
         if self.predictor is None:
             self.predictor = self._first_predictor()
         predictor, releases = self.predictor, self.overdue or blocks[0].stamps_ns.size > 1
-        accel = [predictor.push(block) for block in blocks]
+        predicted = [PredictedFrames(block.stamps_ns, *predictor.push(block)) for block in blocks]
         measured = predictor.comparison.release() if releases else NO_MEASURED
-        if len(blocks) == 1:
-            return Frames(PredictedFrames(blocks[0].stamps_ns, accel[0]), measured)
-        stamps = np.concatenate([block.stamps_ns for block in blocks])
-        return Frames(PredictedFrames(stamps, np.concatenate(accel)), measured)
+        if len(predicted) == 1:
+            return Frames(predicted[0], measured)
+        return Frames(PredictedFrames(*map(np.concatenate, zip(*predicted, strict=True))), measured)
 
     def _first_predictor(self) -> SeatPredictor:
         predictor = self.new_predictor(self.conditioners[SEAT].rate_hz)

@@ -11,8 +11,9 @@ import numpy as np
 from biodyn_core import kernels
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
-from biodyn_core.body.model import Chain, Stepper
+from biodyn_core.body.model import MOTION_COLUMNS, Chain, Stepper, parts_of_motion
 from biodyn_core.conditioning.conditioned import Block
+from biodyn_core.exposure.joint_forces import JointForce, JointForceMeter
 from biodyn_core.exposure.meters import Dose, DoseMeter, Meter
 from biodyn_core.exposure.sensor_meters import Batch, resume_meter
 from biodyn_core.pipeline.comparison import Comparison
@@ -41,53 +42,77 @@ class SeatPredictor:
         self.seat_peak_mps2 = 0.0
         self.comparison = Comparison(rate_hz, wait_s, window_s)
         self.doses = DoseMeter("Wk", rate_hz, N_SEGMENTS, window_s)
-        self._batch = Batch()
+        # Forces under `cascade` would be those of a body three times as heavy.
+        self.forces = JointForceMeter(rate_hz, N_SEGMENTS, window_s) if chain.mass_matrix_form == "segment" else None
+        self._accel_batch, self._force_batch = Batch(), Batch()
 
-    def push(self, block: Block) -> Floats:
-        """Predict the segments' accelerations (n, 6); each run starts from rest."""
+    def push(self, block: Block) -> tuple[Floats, Floats]:
+        """Predict the segments' accelerations (n, 6) and their motion (n, 18); each run starts from rest."""
         if block.begins_run:
             self.stepper.reset()
-            self._count(self._batch.take())
-            self.doses.skip(block.gap_s)
-        accel = self._predict(block.low_passed_mps2)
+            self._count_all()
+            for meter in self._of_predictions:
+                meter.skip(block.gap_s)
+        accel, motion = self._predict(block.low_passed_mps2)
         self.seat_peak_mps2 = max(self.seat_peak_mps2, _peak(block.low_passed_mps2))
-        self._count(self._batch.add(accel))
+        self._count(accel, motion)
         self.comparison.seat(block, accel)
-        return accel
+        return accel, motion
 
-    def _predict(self, seat_mps2: Floats) -> Floats:
+    def _predict(self, seat_mps2: Floats) -> tuple[Floats, Floats]:
         """Predict NaN where the chain leaves its range, and restart it from rest; the same for any cut into blocks."""
-        motion = np.empty((seat_mps2.size, 2 * N_SEGMENTS))
+        motion = np.empty((seat_mps2.size, MOTION_COLUMNS))
         accel = self.stepper.push(seat_mps2, motion)
+        if self.forces is None:
+            parts_of_motion(motion)[2][:] = np.nan
         diverged = kernels.first_invalid(accel, motion, MAX_STRETCH_M)
         if diverged == seat_mps2.size:
-            return accel
-        accel[diverged] = np.nan
+            return accel, motion
+        accel[diverged], motion[diverged] = np.nan, np.nan
         self.stepper.reset()
         self.divergences += 1
         self.unpredicted += 1
         # The rest is integrated again after each divergence: short blocks limit the repeated work.
         for begin in range(diverged + 1, seat_mps2.size, BLOCK_AFTER_DIVERGENCE):
             part = slice(begin, begin + BLOCK_AFTER_DIVERGENCE)
-            accel[part] = self._predict(seat_mps2[part])
-        return accel
+            accel[part], motion[part] = self._predict(seat_mps2[part])
+        return accel, motion
 
-    def _count(self, rows: Floats | None) -> None:
-        if rows is not None:
+    def _count(self, accel: Floats, motion: Floats) -> None:
+        """Count predictions once there are enough of them."""
+        if (rows := self._accel_batch.add(accel)) is not None:
             self.doses.push(rows)
+        if self.forces and (rows := self._force_batch.add(parts_of_motion(motion)[2])) is not None:
+            self.forces.push(rows)
+
+    def _count_all(self) -> None:
+        """Count all predictions that still wait."""
+        if (rows := self._accel_batch.take()) is not None:
+            self.doses.push(rows)
+        if self.forces and (rows := self._force_batch.take()) is not None:
+            self.forces.push(rows)
 
     def reset(self) -> None:
         """Set everything "since reset" to zero."""
-        self._count(self._batch.take())
-        self.doses.reset()
+        self._count_all()
+        for meter in self._of_predictions:
+            meter.reset()
         self.comparison.reset()
         self.unpredicted = 0
         self.seat_peak_mps2 = 0.0
 
     def predicted(self, rolling: bool) -> dict[str, Dose]:
         """Doses of the predictions by segment."""
-        self._count(self._batch.take())
+        self._count_all()
         return dict(zip(SEGMENTS, self.doses.rolling() if rolling else self.doses.since_reset(), strict=True))
+
+    def joint_forces(self, rolling: bool) -> dict[str, JointForce]:
+        """Forces of the joints by the segment above; empty under `cascade`, and before the first prediction."""
+        if self.forces is None:
+            return {}
+        self._count_all()
+        found = self.forces.rolling() if rolling else self.forces.since_reset()
+        return {name: force for name, force in zip(SEGMENTS, found, strict=True) if force.seconds > 0.0}
 
     def measured(self, rolling: bool, sensors: tuple[str, ...]) -> dict[str, Dose]:
         """Doses of the low-passed measurements on the seat's grid, for the sensors named."""
@@ -103,14 +128,14 @@ class SeatPredictor:
 
     def totals(self) -> dict[str, Floats]:
         """Totals since reset: by meter, and the predictor's own."""
-        self._count(self._batch.take())
+        self._count_all()
         own = {PEAK: self.seat_peak_mps2, UNPREDICTED: float(self.unpredicted)}
         meters = {name: meter.totals() for name, meter in self._meters.items()}
         return meters | {name: np.array([[value]]) for name, value in own.items()}
 
     def resume(self, totals: Mapping[str, Floats], break_s: float) -> None:
         """Continue from totals of an earlier run, after a break; raises InputError for totals that do not fit."""
-        self._count(self._batch.take())
+        self._count_all()
         for name, meter in self._meters.items():
             if name in totals:
                 resume_meter(meter, totals[name], name)
@@ -122,7 +147,14 @@ class SeatPredictor:
     @property
     def _meters(self) -> dict[str, Meter[Any]]:
         c = self.comparison
-        return {"predicted": self.doses, "measured": c.doses, "residual": c.residual, "compared": c.compared}
+        forces: dict[str, Meter[Any]] = {} if self.forces is None else {"joint_forces": self.forces}
+        return {
+            "predicted": self.doses, "measured": c.doses, "residual": c.residual, "compared": c.compared, **forces
+        }  # fmt: skip
+
+    @property
+    def _of_predictions(self) -> tuple[Meter[Any], ...]:
+        return (self.doses,) if self.forces is None else (self.doses, self.forces)
 
 
 def _peak(values: Floats) -> float:

@@ -58,14 +58,14 @@ class Shocks:
 
     def __init__(self, threshold_mps2: float) -> None:
         self._threshold_mps2 = threshold_mps2
-        self._waiting: deque[PredictedFrames] = deque()
+        self._waiting: deque[Floats] = deque()
         self._done: deque[Shock] = deque(maxlen=MAX_SHOCKS)
         self._open: Shock | None = None
 
     def push(self, predicted: PredictedFrames, measured: MeasuredFrames) -> None:
         """Add the frames of one push of the pipeline, or of several."""
         if predicted.stamps_ns.size:
-            self._waiting.append(predicted)
+            self._waiting.append(predicted.accel_mps2)
         if not measured.stamps_ns.size:
             return
         rows = _Rows(measured.stamps_ns, np.abs(measured.accel_mps2), np.abs(self._predicted(measured.stamps_ns.size)))
@@ -82,11 +82,11 @@ class Shocks:
         """The predictions of the next instants: every predicted instant is released once, in the same order."""
         parts: list[Floats] = []
         while count > 0:
-            stamps_ns, accel = self._waiting.popleft()
+            accel = self._waiting.popleft()
             parts.append(accel[:count])
-            if stamps_ns.size > count:
-                self._waiting.appendleft(PredictedFrames(stamps_ns[count:], accel[count:]))
-            count -= stamps_ns.size
+            if len(accel) > count:
+                self._waiting.appendleft(accel[count:])
+            count -= len(accel)
         return np.concatenate(parts)
 
     def _begin(self, at: int, rows: _Rows, hit: Flags) -> int:

@@ -52,7 +52,7 @@ class SnapshotBuilder:
         """Process the frames since the last update: shocks, and complete bins of the strip chart."""
         frames, self._frames = joined(self._frames), []
         self._shocks.push(*frames)
-        self._predicted.add(*frames.predicted)
+        self._predicted.add(*frames.predicted[:2])
         self._measured.add(frames.measured.stamps_ns, frames.measured.accel_mps2)
         self._bins = {"predicted": self._predicted.take(), "measured": self._measured.take()}
 

@@ -147,7 +147,7 @@ class _PredictedBag:
 
     def add(self, frames: Frames) -> None:
         """Add one push's frames; NaN is not written."""
-        self._write(topics.PREDICTED, SEGMENTS, *frames.predicted)
+        self._write(topics.PREDICTED, SEGMENTS, *frames.predicted[:2])
         self._write(topics.MEASURED, SENSORS, *frames.measured[:2])
 
     def _write(self, names: dict[str, str], order: tuple[str, ...], stamps_ns: Integers, accel_mps2: Floats) -> None:
