@@ -16,10 +16,11 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.integrate import solve_ivp
 
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
-from biodyn_core.body.model import Chain
+from biodyn_core.body.model import MOTION_COLUMNS, Chain
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.body.synthesis import ImuStream, SensorSettings, imu_streams, load_case
 from biodyn_core.pipeline.exposure import Exposure
+from biodyn_core.pipeline.frames import PredictedFrames
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.bag.cdr import ACCEL_STAMPED_TYPE, IMU_TYPE, encode_imu
@@ -72,6 +73,11 @@ def write_bag(path: Path, streams: Iterable[ImuStream]) -> Path:
             messages = encode_imu(stream.stamps_ns, stream.accel_mps2, stream.gyro_radps, "imu")
             writer.write(INPUT[stream.sensor], stream.stamps_ns, messages)
     return path
+
+
+def predicted_frames(stamps_ns: NDArray[np.int64], accel_mps2: NDArray[np.float64]) -> PredictedFrames:
+    """Predictions of a body that does not move in the seat."""
+    return PredictedFrames(stamps_ns, accel_mps2, np.zeros((len(stamps_ns), MOTION_COLUMNS)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,11 +16,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pages import NASTY, Page, assert_self_contained, empty_drawings
-from streams import held_bytes
+from streams import held_bytes, predicted_frames
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
 from biodyn_core.exposure.injury import Dri, Hic, Window
+from biodyn_core.exposure.joint_forces import JointForce
 from biodyn_core.exposure.limit_assessment import LimitAssessment, SeatExposure, ShockRatio
 from biodyn_core.exposure.limits import EU_LIMITS, Limits
 from biodyn_core.exposure.losses import NO_LOSSES, Losses
@@ -34,7 +35,7 @@ from biodyn_ros.replay.page import replay_page
 from biodyn_ros.replay.text import summary
 from biodyn_ros.replay.traces import ENVELOPE_BINS, RECENT_SAMPLES, Traces
 from biodyn_ros.reports.downsampling import BIN_NS
-from biodyn_ros.reports.exposure_report import ChannelExposure, ExposureReport, Residual
+from biodyn_ros.reports.exposure_report import ChannelExposure, ExposureReport, JointExposure, Residual
 from biodyn_ros.reports.motion import Envelope
 from biodyn_ros.reports.pages import write_drawn
 from biodyn_ros.reports.verdict import left, seat_verdict, shocks, time_left
@@ -115,6 +116,11 @@ def report(**changed: Any) -> ExposureReport:
         hic15=Hic(1.234, 0.456, 0.567, 564.6, windows_s),
         hic36=Hic(2.345, 0.678, 0.789, 564.6, windows_s),
         residual={name: Residual(0.123, 11.0 + i) for i, name in enumerate(MEASURED_SEGMENTS)},
+        joint_forces={
+            name: JointExposure(JointForce(901.0 - i, 401.0 - i, 101.0 - i, 60.5), NO_LOSSES, 301.0 - i)
+            for i, name in enumerate(SEGMENTS)
+        },
+        body_mass_kg=71.5,
     )
     return replace(quiet, **changed)
 
@@ -141,7 +147,7 @@ def record(samples: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 def frames_of(stamps, predicted, measured) -> tuple[PredictedFrames, MeasuredFrames]:
     residual = predicted[:, MEASURED_SEGMENT_INDEX] - measured[:, 1:]
-    return PredictedFrames(stamps, predicted), MeasuredFrames(stamps, measured, residual)
+    return predicted_frames(stamps, predicted), MeasuredFrames(stamps, measured, residual)
 
 
 def feed(traces: Traces, stamps, predicted, measured, cuts, late: int = 0) -> None:
@@ -248,7 +254,7 @@ def test_predictions_without_measurement_are_dropped():
     traces = Traces()
     for block in range(200):
         stamps = START_NS + (1000 * block + np.arange(1000)) * 1_000_000
-        traces.add(Frames(PredictedFrames(stamps, np.ones((1000, N_SEGMENTS))), NO_MEASURED))
+        traces.add(Frames(predicted_frames(stamps, np.ones((1000, N_SEGMENTS))), NO_MEASURED))
     assert traces.event() is None
     row_bytes = 8 * (1 + N_SEGMENTS)
     assert held_bytes(traces) < RECENT_SAMPLES * row_bytes + ENVELOPE_BINS * 2 * row_bytes + 20_000
@@ -295,6 +301,17 @@ def test_the_page_has_every_figure_with_its_unit(drawn):
         assert expected in text, expected
     assert ">= " not in text
     assert "made by the model" not in text
+
+
+def test_forces_are_shown_with_their_static_weight_and_what_they_rest_on(drawn):
+    for text in (Page(drawn.read_text()).text, summary(report())):
+        assert "pelvis to lower torso (lumbar)" in text and "71.5 kg" in text and "no force in people" in text
+        for figure in ("900", "400", "100", "300"):
+            assert figure in text
+    bound = report(
+        joint_forces={"pelvis": JointExposure(JointForce(9.5, 0.0, 3.5, 1.0), Losses(0, 1.0, 0.0, 0.0), 5.0)}
+    )
+    assert ">= 9.50" in summary(bound) and ">= 3.50" not in summary(bound)
 
 
 def test_the_page_needs_no_network_and_repeats_no_id(drawn):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from streams import predicted_frames
 
 from biodyn_core.pipeline.frames import MeasuredFrames, PredictedFrames
 from biodyn_core.pipeline.shocks import MAX_SHOCKS, SEPARATION_NS, Shocks
@@ -27,9 +28,7 @@ def ride(seconds: float, pulses: dict[float, float], head_gain: float = 1.5, nec
     measured = np.column_stack([seat, seat, seat, seat, seat if neck else np.full_like(seat, np.nan), head_gain * late])
     predicted = np.column_stack([seat, seat, seat, seat, seat, 2.0 * late])
     stamps_ns = EPOCH_NS + np.round(1e9 * time_s).astype(np.int64)
-    return PredictedFrames(stamps_ns, predicted, np.zeros((len(predicted), 18))), MeasuredFrames(
-        stamps_ns, measured, measured[:, 1:]
-    )
+    return predicted_frames(stamps_ns, predicted), MeasuredFrames(stamps_ns, measured, measured[:, 1:])
 
 
 def found(predicted, measured, cuts=()):

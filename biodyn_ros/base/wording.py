@@ -18,6 +18,8 @@ _GROUPS: Final = {
 
 MODEL: Final = "the model"
 
+FORCES_NOT_MEASURED: Final = "no force in people was measured to compare them with"
+
 UNITS_TYPESET: Final = {"m/s^2": "m/s²", "m/s^1.75": "m/s¹·⁷⁵", "m/s^1.5": "m/s¹·⁵"}
 """Units in messages (terminal, JSON), and their form on pages."""
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from biodyn_core.exposure.injury import Hic
+from biodyn_core.exposure.joint_forces import JOINT_NAMES
 from biodyn_core.exposure.limit_assessment import SeatExposure
 from biodyn_core.exposure.limits import LimitSet
-from biodyn_ros.base.wording import bound, duration, number, sentence, span
+from biodyn_ros.base.wording import FORCES_NOT_MEASURED, bound, duration, number, sentence, span, table
 from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.reports.exposure_report import ChannelExposure, ExposureReport
 from biodyn_ros.reports.verdict import HORIZONTAL, KINDS, ZONE, shocks, time_left
@@ -26,6 +27,7 @@ def summary(report: ExposureReport) -> str:
         f"{'':14s}{'m/s^2':>9s}{'m/s^1.75':>11s}{'aw m/s^2':>12s}{'m/s^1.75':>11s}{'m/s^2':>15s}{'%':>9s}",
         *(_row(name, report) for name in dict.fromkeys([*report.sensors, *report.predicted])),
         "",
+        *_joint_lines(report),
         "aw and VDV: Wk, vertical, before the low-pass. Predictions are a model's: not validated.",
         *(f"note: {text}" for text in (*report.warnings, *([MADE_BY_MODEL] if report.is_made_by_model else []))),
     ]
@@ -88,6 +90,27 @@ def _injury_lines(report: ExposureReport) -> list[str]:
             f"{number(hic.vertical)} vertical, {number(hic.as_printed)} with 1 g as printed"
         )
     return lines
+
+
+def _joint_lines(report: ExposureReport) -> list[str]:
+    """The predicted forces, from the head down."""
+    if not report.joint_forces:
+        return []
+    rows = [
+        (
+            JOINT_NAMES[name],
+            *(bound(peak_n, losses.lower_bound) for peak_n in (force.compression_n, force.tension_n)),
+            bound(force.rms_n, losses.mean_lower_bound),
+            number(static_n),
+        )
+        for name, (force, losses, static_n) in reversed(report.joint_forces.items())
+    ]
+    assumed = f"for the assumed {number(report.body_mass_kg)} kg; {FORCES_NOT_MEASURED}"
+    return [
+        *table([("force in the joint, N", "compression", "tension", "rms", "static weight"), *rows], left=(0,)),
+        f"Forces: predicted, without the static weight, {assumed}.",
+        "",
+    ]
 
 
 def _window(hic: Hic) -> str:

@@ -7,12 +7,13 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from biodyn_core.exposure.injury import Dri, Hic
+from biodyn_core.exposure.joint_forces import JOINT_NAMES
 from biodyn_core.exposure.limit_assessment import SeatExposure
 from biodyn_core.exposure.limits import Limits
 from biodyn_core.exposure.meters import Dose
 from biodyn_ros import __version__
 from biodyn_ros.reading.provenance import MADE_BY_MODEL
-from biodyn_ros.reports.exposure_report import ChannelExposure, ExposureReport
+from biodyn_ros.reports.exposure_report import ChannelExposure, ExposureReport, JointExposure
 
 Document = dict[str, Any]
 
@@ -44,6 +45,8 @@ def exposure_document(report: ExposureReport) -> Document:
             name: {"nrmse_rms_percent": residual.nrmse_rms_percent, "rms_mps2": residual.rms_mps2}
             for name, residual in report.residual.items()
         },
+        "joint_forces": {name: _joint(name, found) | status for name, found in report.joint_forces.items()},
+        "body_mass_kg": report.body_mass_kg,
         "latency": {output: latency._asdict() for output, latency in report.run.latency.items()},
         "warnings": list(report.warnings),
         "version": __version__,
@@ -88,6 +91,15 @@ def _channels(channels: Mapping[str, ChannelExposure]) -> dict[str, Document]:
             "aw_lower_bound": lost.mean_lower_bound,
         }
         for name, (dose, lost) in channels.items()
+    }  # fmt: skip
+
+
+def _joint(name: str, joint: JointExposure) -> Document:
+    force = joint.force
+    return {
+        "joint": JOINT_NAMES[name], "compression_n": force.compression_n, "tension_n": force.tension_n,
+        "rms_n": force.rms_n, "static_n": joint.static_n, "lower_bound": joint.losses.lower_bound,
+        "rms_lower_bound": joint.losses.mean_lower_bound,
     }  # fmt: skip
 
 

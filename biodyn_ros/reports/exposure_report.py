@@ -9,8 +9,11 @@ from typing import Final, NamedTuple
 
 from biodyn_core.base.segments import HEAD, SEAT, SENSORS
 from biodyn_core.base.wording import counted
+from biodyn_core.body.model import Chain
+from biodyn_core.body.subject import Subject
 from biodyn_core.conditioning.conditioner import Mode
 from biodyn_core.exposure.injury import Dri, Hic
+from biodyn_core.exposure.joint_forces import JointForce, joint_weights
 from biodyn_core.exposure.limit_assessment import SeatExposure
 from biodyn_core.exposure.limits import Limits
 from biodyn_core.exposure.losses import Losses
@@ -31,6 +34,14 @@ class ChannelExposure(NamedTuple):
     losses: Losses
 
 
+class JointExposure(NamedTuple):
+    """The force in one joint, the losses that make it a lower bound, and the weight of the body above, N."""
+
+    force: JointForce
+    losses: Losses
+    static_n: float
+
+
 class Residual(NamedTuple):
     """Rms of predicted minus measured, m/s^2, and in percent of the measured rms, None where that is zero."""
 
@@ -43,8 +54,8 @@ class ExposureReport:
     """Results of one recording of run.seconds; channels without a counted sample are absent.
 
     sensors: Wk-weighted, before the low-pass. predicted and measured_low_passed: comparable with each other.
-    also_weighted: by weighting and sensor. seat: None before it has counted. warnings to is_made_by_model: of the bag;
-    times: the stamps used, by sensor.
+    also_weighted: by weighting and sensor. seat: None before it has counted. joint_forces: predicted, by the segment
+    above the joint. warnings to is_made_by_model: of the bag; times: the stamps used, by sensor.
     """
 
     bag: str
@@ -65,6 +76,8 @@ class ExposureReport:
     hic15: Hic | None
     hic36: Hic | None
     residual: Mapping[str, Residual]
+    joint_forces: Mapping[str, JointExposure]
+    body_mass_kg: float
     warnings: Sequence[str] = ()
     times: Mapping[str, str] = field(default_factory=dict)
     marks: Sequence[Mark] = ()
@@ -115,6 +128,8 @@ def exposure_report(pipeline: Pipeline, bag: str = "", project: bool = False) ->
             name: Residual(rms, percent if math.isfinite(percent) else None)
             for name, (rms, percent) in since.residual.items()
         },
+        joint_forces=_joints(since.joint_forces, pipeline.subject, unpredicted),
+        body_mass_kg=pipeline.subject.body_mass_kg,
     )
 
 
@@ -144,6 +159,11 @@ def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
 
 def _channels(doses: Mapping[str, Dose], lost: Mapping[str, Losses]) -> dict[str, ChannelExposure]:
     return {name: ChannelExposure(dose, lost[name]) for name, dose in doses.items()}
+
+
+def _joints(forces: Mapping[str, JointForce], subject: Subject, lost: Losses) -> dict[str, JointExposure]:
+    static_n = joint_weights(Chain.of(subject).mass_kg)
+    return {name: JointExposure(force, lost, static_n[name]) for name, force in forces.items()}
 
 
 def _with_absent(lost: Losses, seconds: float) -> Losses:
