@@ -21,11 +21,10 @@ from ros import Graph, Sensors, ros_graph
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
-from streams import accel_stamped, noisy_streams, subject
+from streams import accel_stamped, noisy_streams, predicted_frames, subject
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
-from biodyn_core.pipeline.frames import PredictedFrames
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import config_file
@@ -201,7 +200,7 @@ def test_a_column_without_subscribers_is_not_read(graph: Graph) -> None:
     output.update_subscribers()
     # An object that is no number would raise if it were read.
     values = np.array([[None] * column + [1.0], [None] * column + [math.nan]], dtype=object)
-    output.publish(PredictedFrames(np.array([1, 2]), values))
+    output.publish(predicted_frames(np.array([1, 2]), values))
     graph.wait(lambda: head, "the head's only value")
     graph.spin(0.2)
     assert accel_stamped(head)[1][:, 2].tolist() == [1.0]

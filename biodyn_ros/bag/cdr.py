@@ -56,7 +56,7 @@ _IMU_WITH_GYRO = _Layout(IMU_TYPE, 296, ((_ACCEL_AT, 3), (_GYRO_AT, 4)))
 _ACCEL_STAMPED = _Layout(ACCEL_STAMPED_TYPE, 48)
 _STAMPED = _Layout("message that starts with std_msgs/Header", 0)
 
-_LITTLE = b"\x00\x01\x00\x00"
+LITTLE = b"\x00\x01\x00\x00"
 _HEAD = {0: struct.Struct(">iII"), 1: struct.Struct("<iII")}
 _STAMP = {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}
 # The covariance after the acceleration is not read but must exist: a message cut inside it is refused.
@@ -194,7 +194,7 @@ class AccelStampedTemplate:
     """
 
     def __init__(self, frame_id: str) -> None:
-        frame = _frame_bytes(frame_id)
+        frame = frame_bytes(frame_id)
         middle = struct.pack("<I", len(frame)) + frame
         middle += bytes(-(8 + len(middle)) % 8 + 16)  # padding, linear.x, linear.y
         self._middle = middle
@@ -204,9 +204,9 @@ class AccelStampedTemplate:
         """The serialized message, little endian; InputError for a stamp outside int32 seconds."""
         sec, nanosec = divmod(stamp_ns, NS_PER_S)
         try:
-            return self._pack(_LITTLE, sec, nanosec, self._middle, vertical_mps2)
+            return self._pack(LITTLE, sec, nanosec, self._middle, vertical_mps2)
         except struct.error:
-            raise InputError(_stamp_refusal(stamp_ns)) from None
+            raise InputError(stamp_refusal(stamp_ns)) from None
 
 
 def gather(buffer: Bytes, offsets: Integers, item_bytes: int) -> NDArray[np.void]:
@@ -312,14 +312,16 @@ def _pack_stamp(stamp_ns: int, order: int) -> bytes:
     try:
         return _STAMP[order].pack(*divmod(stamp_ns, NS_PER_S))
     except struct.error:
-        raise InputError(_stamp_refusal(stamp_ns)) from None
+        raise InputError(stamp_refusal(stamp_ns)) from None
 
 
-def _stamp_refusal(stamp_ns: int) -> str:
+def stamp_refusal(stamp_ns: int) -> str:
+    """The line about a stamp outside int32 seconds."""
     return f"stamp {stamp_ns} ns does not fit a ROS stamp: seconds from -2147483648 to 2147483647 are allowed"
 
 
-def _frame_bytes(frame_id: str) -> bytes:
+def frame_bytes(frame_id: str) -> bytes:
+    """A frame_id with its NUL; raises InputError for one that contains a NUL."""
     if "\0" in frame_id:
         raise InputError(f"frame_id {frame_id!r} contains a NUL: use printable characters")
     return frame_id.encode("utf-8") + b"\0"
@@ -333,11 +335,11 @@ def _blank(layout: _Layout, stamps_ns: Integers, frame_id: str) -> tuple[Bytes, 
     sec, nanosec = np.divmod(stamps.astype(np.int64), NS_PER_S)
     outside = (sec < -(2**31)) | (sec >= 2**31)
     if outside.any():
-        raise InputError(_stamp_refusal(int(stamps[np.argmax(outside)])))
-    frame = _frame_bytes(frame_id)
+        raise InputError(stamp_refusal(int(stamps[np.argmax(outside)])))
+    frame = frame_bytes(frame_id)
     body = 4 + ((len(frame) + 19) & ~7)
     out = np.zeros((len(stamps), body + layout.body_bytes), dtype=np.uint8)
-    out[:, :4] = np.frombuffer(_LITTLE, dtype=np.uint8)
+    out[:, :4] = np.frombuffer(LITTLE, dtype=np.uint8)
     _put(out, 4, sec.astype("<i4"))
     _put(out, 8, nanosec.astype("<u4"))
     _put(out, 12, np.uint32(len(frame)))

@@ -14,6 +14,10 @@ NODE_NAME: Final = "biodyn"
 INPUT: Final = {sensor: f"imu/{sensor}/data" for sensor in SENSORS}
 PREDICTED: Final = {segment: f"~/predicted/{segment}/accel" for segment in SEGMENTS}
 MEASURED: Final = {sensor: f"~/measured/{sensor}/accel" for sensor in SENSORS}
+PREDICTED_BLOCK: Final = "~/predicted/block"
+MEASURED_BLOCK: Final = "~/measured/block"
+"""Blocks of samples, a trajectory_msgs/JointTrajectory each; `joint_names` are segments, or sensors."""
+
 RESIDUAL: Final = {segment: f"~/residual/{segment}" for segment in MEASURED_SEGMENTS}
 EXPOSURE: Final = "~/exposure"
 ROLLING: Final = "~/exposure/rolling"

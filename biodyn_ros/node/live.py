@@ -9,7 +9,7 @@ from __future__ import annotations
 import gc
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -69,6 +69,13 @@ class LiveSettings:
     limits_file: str = setting("", "path of a file with action and limit values; empty: those of 2002/44/EC")
     autostart: bool = setting(True, "configure and activate at start")
     queue_depth: int = setting(2000, "subscription queue of every sensor, in messages", "", 200, 10_000_000)
+    block_ms: float = setting(
+        5.0,
+        "the seat is processed in blocks of this length, unless single samples are subscribed to; 0: never",
+        "ms",
+        0.0,
+        100.0,
+    )
     publish_measured: bool = setting(False, "publish the conditioned measurements too")
     exposure_rate_hz: float = setting(2.0, "how often exposure is published", "Hz", 1.0, 10.0)
     state_file: str = setting(
@@ -96,9 +103,13 @@ class BiodynNode(LifecycleNode):
     failure: reason of the last transition that failed. pipeline: None while the node is not configured.
     """
 
+    _sensors: Subscriptions | None = None  # before rclpy's own start asks for the subscriptions
+
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(topics.NODE_NAME, **kwargs)
-        samples = (*topics.PREDICTED.values(), *topics.MEASURED.values())
+        samples = (
+            *topics.PREDICTED.values(), *topics.MEASURED.values(), topics.PREDICTED_BLOCK, topics.MEASURED_BLOCK
+        )  # fmt: skip
         qos = params.qos_overrides(self, topics.INPUT.values(), "subscription")
         params.declare(self, SETTINGS, qos | params.qos_overrides(self, samples, "publisher"))
         self.failure: str | None = None
@@ -106,7 +117,6 @@ class BiodynNode(LifecycleNode):
         self._exposure: ContinuedExposure | None = None
         self._store: ExposureStore | None = None
         self._page: PageChild | None = None
-        self._sensors: Subscriptions | None = None
         self._statuses: list[Status] = []
         self._node_timers: list[Any] = []
         self.add_on_set_parameters_callback(self._on_parameters)
@@ -158,7 +168,8 @@ class BiodynNode(LifecycleNode):
             self, self.settings.queue_depth, settings.window_s, self._push, lambda: pipeline.overdue
         )
         self._health, self._statuses = HealthMonitor(pipeline, self._sensors.health), []
-        self._publications = Publications(self, self.settings.publish_measured)
+        forces_known = subject.mass_matrix == "segment"
+        self._publications = Publications(self, self.settings.publish_measured, forces_known)
         self._node_services = [
             self.create_service(Trigger, topics.RESET, self._on_reset),
             self.create_service(Trigger, topics.MARK, self._on_mark),
@@ -167,13 +178,14 @@ class BiodynNode(LifecycleNode):
 
     def _activate(self) -> None:
         self._sensors.open()
-        self._publications.update_subscribers()
+        self._update_subscribers()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._node_timers = [
             self.create_timer(1.0 / rate_hz, guarded(callback, self._log_timer_error), clock=steady)
             for rate_hz, callback in (
+                *([(1e3 / self.settings.block_ms, self._take_block)] if self.settings.block_ms else []),
                 (DRAIN_RATE_HZ, self._sensors.drain),
-                (REFRESH_RATE_HZ, self._publications.update_subscribers),
+                (REFRESH_RATE_HZ, self._update_subscribers),
                 (self.settings.exposure_rate_hz, lambda: self._publications.exposure(self.pipeline)),
                 (DIAGNOSTICS_RATE_HZ, self._publish_diagnostics),
                 (SNAPSHOT_RATE_HZ, self._publish_snapshot),
@@ -245,6 +257,28 @@ class BiodynNode(LifecycleNode):
         frames = self._exposure.push(sensor, stamps_ns, accel_mps2)
         self._publications.frames(frames)
         self._snapshots.add(frames)
+        if not self.settings.block_ms:
+            self._publications.blocks()
+
+    def _take_block(self) -> None:
+        self._sensors.take_seat()
+        self._publications.blocks()
+
+    def _update_subscribers(self) -> None:
+        """Check which topics have subscribers; single samples are processed one by one, because bursts cost more."""
+        self._publications.update_subscribers()
+        singly = not self.settings.block_ms or self._publications.has_sample_subscriber
+        if singly != self._sensors.singly:
+            self._sensors.take_seat()
+            self._sensors.singly = singly
+            if self.executor is not None:
+                self.executor.wake()
+
+    @property
+    def subscriptions(self) -> Iterator[Any]:
+        """The subscriptions that an executor serves; the others are read in blocks."""
+        drained = [] if self._sensors is None else self._sensors.drained
+        return (one for one in super().subscriptions if one not in drained)
 
     def _publish_diagnostics(self) -> None:
         self._statuses = self._health.check(compare_clocks=not self.get_clock().ros_time_is_active)

@@ -1,8 +1,10 @@
 """Subscriptions: the messages of six topics become arrays, and their transport is recorded by sensor.
 
-A message of the seat is pushed at once, because the model needs it. The other sensors are drained in turn: only the
-comparison needs them, and decoding many messages together costs little more than a few. After a stall the seat's
-backlog would overtake them, so before instants are given up, the messages of all sensors are pushed in order of stamps.
+Messages wait in the queues of their subscriptions, which the executor does not serve: waking up for each of them costs
+more than all that is done with it. The seat's are taken every few milliseconds, as a block. The other sensors, which
+only the comparison needs, are drained in turn. If each sample of the seat is requested at once, the executor serves the
+seat. After a stall the seat's backlog would overtake the others, so before instants are given up, the messages of all
+sensors are pushed in order of stamps.
 """
 
 from __future__ import annotations
@@ -38,17 +40,21 @@ NUMBERING: Final = "rmw_fastrtps"
 """
 
 MAX_SINGLE: Final = 100
-"""After so many single messages of the seat all queues are read: only they give sequence numbers, hence losses."""
+"""After so many single messages of the seat all queues are read: only they give sequence numbers, hence losses.
+
+A block of more is a backlog.
+"""
 
 PUSH_ORDER: Final = (*(sensor for sensor in SENSORS if sensor != SEAT), SEAT)
 """Order of samples of the same time: the seat's are compared with the others'."""
 
 
 class Subscriptions:
-    """`open` on activation, `close` on deactivation; meanwhile call `drain` and `check_transport` periodically.
+    """`open` on activation, `close` on deactivation.
 
-    overdue: whether the seat's next sample gives up instants. health: state of the transport by sensor; like the
-    figures it survives `close`.
+    Meanwhile call `take_seat`, `drain` and `check_transport` periodically, and let the executor serve all subscriptions
+    but `drained`. overdue: whether the seat's next sample gives up instants. singly: whether the executor serves the
+    seat, each sample at once. health: state of the transport by sensor; like the figures it survives `close`.
     """
 
     def __init__(
@@ -57,9 +63,9 @@ class Subscriptions:
         self._node, self._depth, self._window_s, self._push, self._overdue = node, depth, window_s, push, overdue
         self.health = {sensor: SensorHealth() for sensor in SENSORS}
         self._subscriptions: dict[str, Any] = {}
+        self.singly = False
         self._single = 0
         self._seat_stamp_ns: int | None = None
-        self._inbox: dict[str, list[bytes]] = {sensor: [] for sensor in SENSORS}
         self._gids: dict[str, list[bytes]] = {}
         self._are_numbered = get_rmw_implementation_identifier().startswith(NUMBERING)
         self._next_drained = itertools.cycle(SENSORS)
@@ -68,17 +74,28 @@ class Subscriptions:
     def open(self) -> None:
         """Subscribe to the six topics."""
         # The seat first: its samples while other topics are matched must not be lost.
-        self._subscriptions[SEAT] = self._subscribe(SEAT, guarded(self._on_seat, partial(self._refuse, SEAT)))
-        for sensor in PUSH_ORDER[:-1]:
-            self._inbox[sensor].clear()
-            # Messages of the other sensors only wait for the next drain: a callback is a plain append.
-            self._subscriptions[sensor] = self._subscribe(sensor, self._inbox[sensor].append)
+        for sensor in SENSORS:
+            self._subscriptions[sensor] = self._subscribe(sensor, guarded(self._on_seat, partial(self._refuse, SEAT)))
 
     def close(self) -> None:
         """Unsubscribe."""
         for subscription in self._subscriptions.values():
             self._node.destroy_subscription(subscription)
         self._subscriptions = {}
+
+    @property
+    def drained(self) -> list[Any]:
+        """The subscriptions that the executor must leave alone."""
+        return [one for sensor, one in self._subscriptions.items() if not (self.singly and sensor == SEAT)]
+
+    def take_seat(self) -> None:
+        """Push the seat's messages as one block; nothing if the executor serves the seat."""
+        if self.singly or not (messages := self._arrived(SEAT)):
+            return
+        if len(messages) > MAX_SINGLE or self._overdue():
+            self._push_all(messages)
+        else:
+            guarded(self._on_seat_block, partial(self._refuse, SEAT))(messages)
 
     def drain(self) -> None:
         """Push the next sensor's messages; of the seat, whose messages are pushed already, note the arrival alone."""
@@ -128,6 +145,12 @@ class Subscriptions:
         self.health[SEAT].arrived()
         self._seat_stamp_ns = stamp_ns
 
+    def _on_seat_block(self, messages: list[bytes]) -> None:
+        block = self._decoded(SEAT, messages)
+        if len(block):
+            self._push(SEAT, block.stamps_ns, block.accel_mps2)
+            self._seat_stamp_ns = int(block.stamps_ns[-1])
+
     def _on_messages(self, sensor: str, messages: list[bytes]) -> None:
         block = self._decoded(sensor, messages)
         if len(block):
@@ -146,14 +169,12 @@ class Subscriptions:
                 self._note_arrival(sensor, int(block.stamps_ns[-1]))
 
     def _arrived(self, sensor: str, before: Sequence[bytes] = ()) -> list[bytes]:
-        """Take a sensor's messages: the given ones, those of its inbox, and those that still wait in its queue.
+        """Take a sensor's messages: the given ones, and those that wait in its queue.
 
         Only the queue gives sequence numbers: the executor calls back without them.
         """
-        messages = [*before, *self._inbox[sensor]]
-        self._inbox[sensor].clear()
         waiting = queued(self._subscriptions[sensor])
-        messages += [message for message, _ in waiting]
+        messages = [*before, *(message for message, _ in waiting)]
         health = self.health[sensor]
         if waiting and self._are_numbered and health.publishers == 1:
             health.numbered(waiting[-1][1]["publication_sequence_number"], health.messages + len(messages))

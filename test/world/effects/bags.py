@@ -10,7 +10,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
-from world.effects.wearing import Stream
+from world.effects.wearing import Floats, Stream
 
 IMU: Final = np.dtype(
     {
@@ -53,31 +53,36 @@ float64 z
 """
 
 
-def encoded(stamps_ns: NDArray[np.int64], stream: Stream) -> NDArray[np.uint8]:
-    """Messages (n, 316) of the dtype `IMU`; of the stream its force and rates, under these stamps."""
+PIECE: Final = 1 << 16
+"""Messages that are encoded at once: a session has millions of them."""
+
+
+def encoded(stamps_ns: NDArray[np.int64], force: Floats, rates: Floats) -> bytes:
+    """Messages of the dtype `IMU`, one behind the other: force (n, 3) and rates (n, 3) under these stamps (n,)."""
     out = np.zeros(len(stamps_ns), IMU)
     out["order"] = np.void(b"\x00\x01\x00\x00")
     out["sec"], out["nanosec"] = np.divmod(stamps_ns, 1_000_000_000)
     out["frame_bytes"], out["frame"] = 4, b"imu"
     out["w"], out["not_estimated"] = 1.0, -1.0
-    out["accel"], out["gyro"] = stream[1], stream[2]
-    return out.view(np.uint8).reshape(-1, IMU.itemsize)
+    out["accel"], out["gyro"] = force, rates
+    return out.tobytes()
 
 
 def write(path: Path, streams: Mapping[str, Stream], begin_ns: int) -> None:
     """One event as one MCAP file; messages in the order of their stamps, logged as they are stamped."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    stamps = [begin_ns + one[0] for one in streams.values()]
-    payload = np.concatenate([encoded(at, one) for at, one in zip(stamps, streams.values(), strict=True)])
-    channel = np.repeat(np.arange(len(stamps)), list(map(len, stamps)))
-    at_ns = np.concatenate(stamps)
-    order = np.argsort(at_ns, kind="stable")
-    data, size = payload[order].tobytes(), IMU.itemsize
+    stamps_ns, force, rates = (np.concatenate(column) for column in zip(*streams.values(), strict=True))
+    stamps_ns = begin_ns + stamps_ns
+    channel = np.repeat(np.arange(len(streams)), [len(one[0]) for one in streams.values()])
+    order, size = np.argsort(stamps_ns, kind="stable"), IMU.itemsize
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=4 << 20, compression=CompressionType.LZ4)
         writer.start(profile="ros2", library="")
         schema = writer.register_schema("sensor_msgs/msg/Imu", "ros2msg", DEFINITION.encode())
         ids = [writer.register_channel(f"imu/{name}/data", "cdr", schema) for name in streams]
-        for i, (which, ns) in enumerate(zip(channel[order].tolist(), at_ns[order].tolist(), strict=True)):
-            writer.add_message(ids[which], ns, data[i * size : (i + 1) * size], ns)
+        for begin in range(0, len(order), PIECE):
+            here = order[begin : begin + PIECE]
+            data = encoded(stamps_ns[here], force[here], rates[here])
+            for i, (which, ns) in enumerate(zip(channel[here].tolist(), stamps_ns[here].tolist(), strict=True)):
+                writer.add_message(ids[which], ns, data[i * size : (i + 1) * size], ns)
         writer.finish()
