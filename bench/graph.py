@@ -1,6 +1,6 @@
 """The other processes of the live benchmark: `python -m bench.graph publisher|subscriber|minimal ARGUMENT...`.
 
-publisher RATE SECONDS FILE, subscriber TOPICS FILE and minimal TOPICS; TOPICS is predicted or measured (both kinds).
+publisher TOPICS RATE SECONDS FILE, subscriber TOPICS FILE and minimal; TOPICS is one of `KINDS`.
 All three use serialized messages, so that their cost is small compared with that of the node.
 """
 
@@ -14,6 +14,7 @@ import struct
 import sys
 import time
 from array import array
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +29,10 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu
+from trajectory_msgs.msg import JointTrajectory
 
 from biodyn_core.base.segments import SEAT, SENSORS, STANDARD_GRAVITY_MPS2
+from biodyn_ros.bag.blocks import BlockEncoder, measured_blocks, predicted_blocks
 from biodyn_ros.bag.cdr import AccelStampedTemplate, encode_imu
 from biodyn_ros.base import topics
 
@@ -44,23 +47,24 @@ def _qos(depth: int, reliable: bool) -> QoSProfile:
     return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=kind)
 
 
-def _outputs(kind: str) -> dict[str, str]:
-    """The node's per-sample topics by name: predicted, or measured too."""
-    named = {f"predicted/{name}": topic for name, topic in topics.PREDICTED.items()}
-    if kind == "measured":
-        named |= {f"measured/{name}": topic for name, topic in topics.MEASURED.items()}
-    return {name: topics.absolute(topic) for name, topic in named.items()}
+SINGLE = {f"predicted/{name}": topics.absolute(topic) for name, topic in topics.PREDICTED.items()}
+PREDICTED_BLOCK = {"predicted/block": topics.absolute(topics.PREDICTED_BLOCK)}
+MEASURED_BLOCK = {"measured/block": topics.absolute(topics.MEASURED_BLOCK)}
+KINDS = {"single": SINGLE, "block": PREDICTED_BLOCK, "blocks": PREDICTED_BLOCK | MEASURED_BLOCK, "none": {}}
+"""The topics that are subscribed to: six of single samples, blocks of predictions, those of measurements too, none."""
+
+BLOCKS = {"predicted/block": predicted_blocks(True), "measured/block": measured_blocks()}
 
 
 # --- publisher -------------------------------------------------------------------------------------------------------
 
 
-def publisher(rate_hz: float, seconds: float, path: Path) -> None:
+def publisher(kind: str, rate_hz: float, seconds: float, path: Path) -> None:
     """Publish six Imu topics at one rate; save the stamp, the time of sending and the delay of every tick."""
     node = Node("bench_publisher")
     outputs = [node.create_publisher(Imu, topics.INPUT[sensor], _qos(2000, reliable=True)) for sensor in SENSORS]
     rest, motion = _tails(rate_hz)
-    _wait(node, outputs)
+    _wait(node, outputs, KINDS[kind].values())
     print("streaming", flush=True)
     sent = _stream(outputs, rest, motion, 1e9 / rate_hz, round(seconds * rate_hz))
     for output in outputs:
@@ -107,11 +111,10 @@ def _tails_of(sensor: str, accel: Any) -> list[bytes]:
     return [message[12:].tobytes() for message in messages]
 
 
-def _wait(node: Node, outputs: list[Any]) -> None:
-    """Wait until the node subscribes to every sensor, the node has a subscriber, and discovery is complete."""
-    predicted = topics.absolute(topics.PREDICTED["head"])
+def _wait(node: Node, outputs: list[Any], answers: Collection[str]) -> None:
+    """Wait until the node subscribes to every sensor, its answers have subscribers, and discovery is complete."""
     deadline = time.monotonic() + START_TIMEOUT_S
-    while not (all(output.get_subscription_count() for output in outputs) and node.count_subscribers(predicted)):
+    while not all([output.get_subscription_count() for output in outputs] + [*map(node.count_subscribers, answers)]):
         if time.monotonic() > deadline:
             raise SystemExit("bench: the publisher has no subscriber")
         time.sleep(0.05)
@@ -123,11 +126,12 @@ def _wait(node: Node, outputs: list[Any]) -> None:
 
 def subscriber(kind: str, path: Path) -> None:
     """Store every response with its time of arrival until SIGINT, then save them with the last diagnostics."""
-    node, outputs = Node("bench_subscriber"), _outputs(kind)
-    got = {name: _Answers() for name in outputs}
+    node, outputs = Node("bench_subscriber"), KINDS[kind]
+    got = {name: _Answers(BLOCKS.get(name)) for name in outputs}
     statuses: dict[str, dict[str, str]] = {}
     for name, topic in outputs.items():
-        node.create_subscription(AccelStamped, topic, got[name].keep, _qos(50_000, reliable=True), raw=True)
+        message = JointTrajectory if name in BLOCKS else AccelStamped
+        node.create_subscription(message, topic, got[name].keep, _qos(50_000, reliable=True), raw=True)
     node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, functools.partial(_note, statuses), 10)
     _spin(node)
     arrays = {f"{name}/arrived_ns": np.array(answers.arrived_ns) for name, answers in got.items()}
@@ -139,14 +143,20 @@ def subscriber(kind: str, path: Path) -> None:
 class _Answers:
     """Stamps and arrival times of responses, compact enough for hours."""
 
-    def __init__(self) -> None:
+    def __init__(self, blocks: BlockEncoder[Any] | None) -> None:
+        self._blocks = blocks
         self.arrived_ns, self.stamps_ns = array("q"), array("q")
 
     def keep(self, message: bytes) -> None:
-        """Store one response."""
-        self.arrived_ns.append(time.time_ns())
-        seconds, nanoseconds = STAMP.unpack_from(message, 4)
-        self.stamps_ns.append(seconds * 10**9 + nanoseconds)
+        """Store one response, or those of a block."""
+        now_ns = time.time_ns()
+        if self._blocks is None:
+            seconds, nanoseconds = STAMP.unpack_from(message, 4)
+            stamps_ns = [seconds * 10**9 + nanoseconds]
+        else:
+            stamps_ns = self._blocks.times_ns(message).tolist()
+        self.stamps_ns.extend(stamps_ns)
+        self.arrived_ns.extend([now_ns] * len(stamps_ns))
 
 
 def _note(statuses: dict[str, dict[str, str]], message: DiagnosticArray) -> None:
@@ -158,30 +168,22 @@ def _note(statuses: dict[str, dict[str, str]], message: DiagnosticArray) -> None
 
 
 class _Minimal(Node):
-    """The live node without computation: the same number and size of messages through the same executor."""
+    """The live node without computation: six topics of single samples in and out, through the same executor."""
 
-    def __init__(self, kind: str) -> None:
+    def __init__(self) -> None:
         super().__init__("biodyn")
-        self._stamp = bytes(8)
         outputs = {
             name: (self.create_publisher(AccelStamped, topic, _qos(2000, reliable=True)), _around(name))
-            for name, topic in _outputs(kind).items()
+            for name, topic in SINGLE.items()
         }
         for sensor in SENSORS:
-            answers = [output for name, output in outputs.items() if _belongs(name, sensor)]
-            callback = functools.partial(self._answer, sensor == SEAT, answers)
+            callback = functools.partial(self._answer, list(outputs.values()) if sensor == SEAT else [])
             self.create_subscription(Imu, topics.INPUT[sensor], callback, _qos(2000, reliable=False), raw=True)
 
-    def _answer(self, seat: bool, outputs: list[tuple[Any, tuple[bytes, bytes]]], message: bytes) -> None:
-        """Publish with the seat's stamp, as the live node does."""
-        if seat:
-            self._stamp = message[4:12]
+    def _answer(self, outputs: list[tuple[Any, tuple[bytes, bytes]]], message: bytes) -> None:
+        """Publish with the stamp of the message, as the live node does for the seat."""
         for output, (before, after) in outputs:
-            output.publish(before + self._stamp + after)
-
-
-def _belongs(name: str, sensor: str) -> bool:
-    return name == f"measured/{sensor}" or (sensor == SEAT and name.startswith("predicted"))
+            output.publish(before + message[4:12] + after)
 
 
 def _around(name: str) -> tuple[bytes, bytes]:
@@ -206,11 +208,12 @@ def main(role: str, *arguments: str) -> None:
     # Garbage collection over the stored data would appear as latency of the node.
     gc.disable()
     if role == "publisher":
-        publisher(float(arguments[0]), float(arguments[1]), Path(arguments[2]))
+        kind, rate_hz, seconds, path = arguments
+        publisher(kind, float(rate_hz), float(seconds), Path(path))
     elif role == "subscriber":
         subscriber(arguments[0], Path(arguments[1]))
     else:
-        node = _Minimal(arguments[0])
+        node = _Minimal()
         _spin(node)
         node.destroy_node()
     rclpy.try_shutdown()

@@ -68,7 +68,7 @@ def resident_mb(pid: int) -> float:
 class Answered:
     """Expected and lost responses in a window, losses counted by the node since its start, latency and sending delay.
 
-    Latencies are without the filter's delay.
+    Latencies are without the filter's delay; NaN if nobody subscribes to predictions.
     """
 
     owed: int
@@ -93,7 +93,7 @@ def answered(sent: Arrays, got: Arrays, begin_s: float, end_s: float) -> Answere
         if name.startswith("predicted"):  # measurements wait for the slowest sensor, so they have no target
             latencies.append(latency_ms[owed[which]])
     counted = sum(int(values.get("lost", 0)) for values in diagnostics.values())
-    p50, p99 = np.percentile(np.concatenate(latencies), [50, 99]).tolist()
+    p50, p99 = np.percentile(np.concatenate(latencies), [50, 99]).tolist() if latencies else (np.nan, np.nan)
     late_p99_ms = 1e-6 * float(np.percentile(sent["late_ns"][owed], 99))
     return Answered(int(owed.sum()) * len(names), lost, counted, p50, p99, late_p99_ms)
 
@@ -134,7 +134,7 @@ def streamed(node: Sequence[str], kind: str, rate_hz: float, seconds: Sequence[f
         sent, got = Path(directory, "sent.npz"), Path(directory, "got.npz")
         pid = started.enter_context(running(*node)).pid
         subscriber = started.enter_context(running("-m", "bench.graph", "subscriber", kind, str(got)))
-        words = (str(rate_hz), str(edges[-1] + TAIL_S), str(sent))
+        words = (kind, str(rate_hz), str(edges[-1] + TAIL_S), str(sent))
         publisher = started.enter_context(running("-m", "bench.graph", "publisher", *words))
         if publisher.stdout is None or not publisher.stdout.readline():
             raise RuntimeError("the publisher found no subscriber")

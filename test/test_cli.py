@@ -96,7 +96,8 @@ def test_replay_writes_bag_figures_and_report(capsys: pytest.CaptureFixture[str]
     assert "made by the model itself" in out
     with open_bag(tmp_path / "out" / "predicted.mcap") as reader:
         names = {topic.name for topic in reader.topics}
-        assert names == {topics.absolute(t) for t in (*topics.PREDICTED.values(), *topics.MEASURED.values())}
+        written = (*topics.PREDICTED.values(), *topics.MEASURED.values(), topics.PREDICTED_BLOCK, topics.MEASURED_BLOCK)
+        assert names == {topics.absolute(topic) for topic in written}
         (head,) = [b.messages() for b in reader.blocks(["/biodyn/predicted/head/accel"])][:1]
     assert np.abs(accel_stamped(head)[1][:, 2]).max() < 100.0
 

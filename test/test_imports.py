@@ -58,6 +58,7 @@ ROS = {
     "builtin_interfaces",
     "diagnostic_msgs",
     "geometry_msgs",
+    "trajectory_msgs",
     "launch",
     "launch_ros",
     "lifecycle_msgs",

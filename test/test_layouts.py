@@ -12,6 +12,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import AccelStamped
 from std_msgs.msg import Float64
+from trajectory_msgs.msg import JointTrajectory
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT
 from biodyn_core.pipeline.pipeline import Pipeline
@@ -25,6 +26,7 @@ LAYOUTS = config_file("layouts")
 TYPES: dict[str, type] = {
     **{topics.absolute(topic): AccelStamped for topic in (*topics.PREDICTED.values(), *topics.MEASURED.values())},
     **{topics.absolute(topic): Float64 for topic in topics.SCALARS},
+    topics.absolute(topics.PREDICTED_BLOCK): JointTrajectory,
     topics.DIAGNOSTICS: DiagnosticArray,
 }
 """Every topic that the live node publishes, as the live node publishes it."""
@@ -42,13 +44,24 @@ def panels() -> dict[str, Any]:
 
 def has_number(kind: type, fields: list[str]) -> bool:
     """Whether a message type has these fields one inside the other, the last of them a number."""
-    for name in fields[:-1]:
+    *outer, last = map(_field, fields)
+    for name, of_many in outer:
         inner = kind.get_fields_and_field_types().get(name)  # type: ignore[attr-defined]
+        if inner and of_many:
+            inner = inner.removeprefix("sequence<").removesuffix(">")
         found = message_class(inner.replace("/", "/msg/")) if inner and "/" in inner else None
         if found is None:
             return False
         kind = found
-    return kind.get_fields_and_field_types().get(fields[-1]) in ("double", "float")  # type: ignore[attr-defined]
+    name, of_many = last
+    number = kind.get_fields_and_field_types().get(name)  # type: ignore[attr-defined]
+    return number == "sequence<double>" if of_many else number in ("double", "float")
+
+
+def _field(text: str) -> tuple[str, bool]:
+    """A field's name, and whether one element of it is meant, as in points[0]."""
+    name, bracket, _ = text.partition("[")
+    return name, bool(bracket)
 
 
 def split(series: str) -> tuple[str, list[str]]:
@@ -65,6 +78,9 @@ def test_the_file_is_the_one_that_is_made(name: str, made: Any) -> None:
 
 def test_an_unknown_field_is_reported() -> None:
     assert has_number(AccelStamped, ["accel", "linear", "z"])
+    assert has_number(JointTrajectory, ["points[0]", "effort[2]"])
+    for wrong in (["points", "effort[2]"], ["points[0]", "effort"], ["points[0]", "force[2]"]):
+        assert not has_number(JointTrajectory, wrong)
     for wrong in (["accel", "linear"], ["accel", "linear", "w"], ["twist", "linear", "z"], ["header", "stamp", "sec"]):
         assert not has_number(AccelStamped, wrong)
 
@@ -153,6 +169,7 @@ def test_each_layout_has_all_required_topics(text: str) -> None:
         *topics.PREDICTED.values(),
         *(topics.MEASURED[name] for name in (SEAT, *MEASURED_SEGMENTS)),
         *topics.RESIDUAL.values(),
+        topics.PREDICTED_BLOCK,
         f"{topics.EXPOSURE}/seat/vdv",
         f"{topics.EXPOSURE}/seat/a8",
         f"{topics.EXPOSURE}/dri",

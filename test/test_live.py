@@ -22,6 +22,7 @@ from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 from streams import accel_stamped, noisy_streams, predicted_frames, subject
+from trajectory_msgs.msg import JointTrajectory
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
@@ -189,6 +190,43 @@ def test_samples_are_sent_to_subscribed_topics_alone(graph: Graph) -> None:
     graph.wait(sensors.matched, "six inputs matched")
     sensors.send()
     graph.wait(lambda: len(pelvis) > 4000 and len(measured) > 3000, "measured and predicted")
+
+
+@pytest.mark.parametrize("block_ms", [0.0, 20.0])
+def test_blocks_of_any_length_have_the_frames_of_single_samples(graph: Graph, block_ms: float) -> None:
+    tester = graph.node()
+    blocks = graph.collect(tester, JointTrajectory, topics.absolute(topics.PREDICTED_BLOCK))
+    graph.active(block_ms=block_ms)
+    sensors = Sensors(graph, (SEAT,))
+    graph.wait(sensors.matched, "the seat matched")
+    graph.wait(lambda: tester.count_publishers(topics.absolute(topics.PREDICTED_BLOCK)), "the blocks matched")
+    graph.spin(0.3)
+    sensors.send()
+    stamps, predicted, _ = offline()
+    graph.wait(lambda: sum(len(block.points) for block in blocks) == len(stamps), "every sample in a block")
+    accel = [point.accelerations for block in blocks for point in block.points]
+    np.testing.assert_array_equal(accel, predicted)
+    typical = np.median([len(block.points) for block in blocks])
+    assert typical == 1 if block_ms == 0.0 else typical > 4
+
+
+def test_without_listeners_every_sample_counts(graph: Graph) -> None:
+    """Blocks are longer then; figures are those of any other cut."""
+    node = graph.active()
+    sensors = Sensors(graph, (SEAT,))
+    graph.wait(sensors.matched, "the seat matched")
+    sensors.send()
+    exposure = offline()[2].exposure()
+    counted_s = exposure.sensors[SEAT].seconds
+    graph.wait(lambda: node.pipeline.exposure().sensors[SEAT].seconds == counted_s, "every sample is counted")
+    assert node.pipeline.exposure().sensors[SEAT] == exposure.sensors[SEAT]
+    assert node.pipeline.exposure().joint_forces == exposure.joint_forces
+
+
+@pytest.mark.parametrize("block_ms", [0.3, -1.0, 101.0, float("inf")])
+def test_a_block_length_out_of_range_is_refused(block_ms: float) -> None:
+    with pytest.raises(InputError, match=r"block_ms is .*, allowed are 0"):
+        LiveSettings(block_ms=block_ms)
 
 
 def test_a_column_without_subscribers_is_not_read(graph: Graph) -> None:

@@ -72,6 +72,12 @@ def test_the_rows_are_the_rolling_figures_and_their_ratios():
     alone = rolling.compared["central_torso"]
     assert rows["central torso"]["predicted_ratio"] == alone.predicted.aw_mps2 / alone.seat.aw_mps2
     assert rows["seat"]["predicted_mps2"] is None
+    force = rolling.joint_forces["lower_torso"]
+    assert (rows["lower torso"]["compression_n"], rows["lower torso"]["tension_n"]) == (
+        force.compression_n,
+        force.tension_n,
+    )
+    assert rows["seat"]["compression_n"] is None
 
 
 def test_every_bin_of_the_strip_is_sent_once():

@@ -18,6 +18,7 @@ from geometry_msgs.msg import AccelStamped
 from ros import STARTUP_S, child, ros_graph
 from std_msgs.msg import Float64
 from streams import accel_stamped, noisy_streams, subject, write_bag
+from trajectory_msgs.msg import JointTrajectory
 
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_ros.base import topics
@@ -44,8 +45,9 @@ def reliable(inputs: Iterable[str], outputs: Iterable[str] = ()) -> list[str]:
 
 
 @cache
-def offline(bag: Path) -> tuple[dict[str, dict[int, float]], Any]:
-    """Every frame of the replay by topic and stamp, and its document."""
+def offline(bag: Path) -> tuple[dict[str, dict[int, float]], dict[int, Any], Any]:
+    """Every frame of the replay by topic and stamp, the motion by stamp, and the document."""
+    motion: dict[int, Any] = {}
     frames: dict[str, dict[int, float]] = {t: {} for t in (*topics.PREDICTED.values(), *topics.MEASURED.values())}
 
     def keep(names: dict[str, str], stamps_ns: np.ndarray, accel: np.ndarray) -> None:
@@ -56,16 +58,21 @@ def offline(bag: Path) -> tuple[dict[str, dict[int, float]], Any]:
     def each(pushed: Any) -> None:
         keep(topics.PREDICTED, pushed.predicted.stamps_ns, pushed.predicted.accel_mps2)
         keep(topics.MEASURED, pushed.measured.stamps_ns, pushed.measured.accel_mps2)
+        motion.update(zip(pushed.predicted.stamps_ns.tolist(), pushed.predicted.motion, strict=True))
 
-    return frames, replay(bag, subject(), each=each).document
+    return frames, motion, replay(bag, subject(), each=each).document
 
 
 @pytest.mark.timeout(600)
 def test_live_in_another_process_equals_replay_of_the_same_bag() -> None:
     bag = bag_file("subject_1.mcap")
-    expected, document = offline(bag)
+    expected, motion, document = offline(bag)
     with ros_graph() as graph:
         tester = graph.node()
+        blocks = {
+            topic: graph.collect(tester, JointTrajectory, topics.absolute(topic))
+            for topic in (topics.PREDICTED_BLOCK, topics.MEASURED_BLOCK)
+        }
         got = {topic: graph.collect(tester, AccelStamped, topics.absolute(topic), raw=True) for topic in expected}
         diagnostics = graph.collect(tester, DiagnosticArray, topics.DIAGNOSTICS)
         vdv = graph.collect(tester, Float64, "/biodyn/exposure/seat/vdv")
@@ -73,7 +80,7 @@ def test_live_in_another_process_equals_replay_of_the_same_bag() -> None:
         with child(graph, "live", "--ros-args", "-p", "publish_measured:=true", *overrides) as live:
             graph.wait(lambda: tester.count_subscribers(topics.INPUT[SEAT]) == 1, "the node listens", STARTUP_S)
             # On a busy machine outputs are found one after the other, and what is sent before is lost.
-            answers = [topics.absolute(topic) for topic in expected]
+            answers = [topics.absolute(topic) for topic in (*expected, *blocks)]
             graph.wait(lambda: all(tester.count_publishers(topic) == 1 for topic in answers), "all outputs are found")
             graph.spin(1.0)  # the node finds us a moment later than we find it, which nothing here can see
             with child(graph, "play", str(bag), "--keep-stamps", "--depth", str(BAG_DEPTH)) as player:
@@ -94,6 +101,8 @@ def test_live_in_another_process_equals_replay_of_the_same_bag() -> None:
             assert live.wait(20) == 0
     for topic, frames in expected.items():
         assert_equal_by_stamp(topic, got[topic], frames)
+    assert_blocks_equal(blocks[topics.PREDICTED_BLOCK], expected[topics.PREDICTED["head"]], motion)
+    assert_measured_blocks_equal(blocks[topics.MEASURED_BLOCK], expected)
     for sensor in SENSORS:
         status = next(s for s in diagnostics[-1].status if s.name == f"biodyn: {sensor}")
         values = {pair.key: pair.value for pair in status.values}
@@ -121,6 +130,40 @@ def assert_equal_by_stamp(topic: str, messages: list[bytes], frames: dict[int, f
     np.testing.assert_allclose(
         [live[s] for s in shared], [frames[s] for s in shared], rtol=1e-9, atol=1e-12, err_msg=topic
     )
+
+
+def samples(blocks: list[JointTrajectory]) -> dict[int, Any]:
+    """The points of blocks by stamp."""
+    return {
+        block.header.stamp.sec * 10**9 + block.header.stamp.nanosec
+        + point.time_from_start.sec * 10**9 + point.time_from_start.nanosec: point
+        for block in blocks
+        for point in block.points
+    }  # fmt: skip
+
+
+def assert_blocks_equal(blocks: list[JointTrajectory], head: dict[int, float], motion: dict[int, Any]) -> None:
+    """Every sample came in a block, with the motion of the replay."""
+    live = samples(blocks)
+    assert live.keys() == head.keys() and sum(len(block.points) for block in blocks) == len(live)
+    assert len(live) / len(blocks) > 3.0  # blocks, not single samples
+    stamps = sorted(live)
+    expected = np.array([motion[stamp] for stamp in stamps])
+    got = np.array([[*live[s].positions, *live[s].velocities, *live[s].effort] for s in stamps])
+    np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose([live[s].accelerations[-1] for s in stamps], [head[s] for s in stamps], rtol=1e-9)
+
+
+def assert_measured_blocks_equal(blocks: list[JointTrajectory], expected: dict[str, dict[int, float]]) -> None:
+    """Measurements in blocks are those of the single topics."""
+    live = samples(blocks)
+    for column, topic in enumerate(topics.MEASURED.values()):
+        frames = expected[topic]
+        assert owed(topic, frames) <= live.keys()
+        shared = sorted(live.keys() & frames.keys())
+        np.testing.assert_allclose(
+            [live[s].accelerations[column] for s in shared], [frames[s] for s in shared], rtol=1e-9, atol=1e-12
+        )
 
 
 def test_the_live_command_ends_with_zero_on_sigterm_and_two_on_bad_input() -> None:
@@ -220,7 +263,7 @@ def test_an_apt_only_install_predicts_with_uncompiled_kernels_and_warns(tmp_path
             graph.wait(lambda: tester.count_subscribers(topics.INPUT[SEAT]) == 1, "the node listens", STARTUP_S)
             with child(graph, "play", str(bag), "--keep-stamps", "--depth", str(BAG_DEPTH)) as player:
                 graph.wait(lambda: player.poll() is not None, "the bag is played", 60.0)
-            expected, _ = offline(bag)
+            expected, _, _ = offline(bag)
             frames = expected[topics.PREDICTED["head"]]
             graph.wait(lambda: len(head) >= len(frames), "every prediction", STARTUP_S)
         finally:

@@ -25,6 +25,9 @@ PEAK: Final = "seat_peak_mps2"
 UNPREDICTED: Final = "unpredicted"
 """Names of the seat's peak, and of the samples without a prediction, among the totals of the meters."""
 
+FEW: Final = 16
+"""Up to so many samples a reduction by NumPy takes longer than one by Python."""
+
 BLOCK_AFTER_DIVERGENCE: Final = 64
 """Samples that are predicted at once after a divergence."""
 
@@ -158,5 +161,5 @@ class SeatPredictor:
 
 
 def _peak(values: Floats) -> float:
-    """The largest magnitude; live blocks are of one sample, for which two reductions take many times as long."""
-    return abs(values.item()) if values.size == 1 else float(np.abs(values).max(initial=0.0))
+    """The largest magnitude; live blocks have few samples, for which two reductions take many times as long."""
+    return max(map(abs, values.tolist())) if 0 < values.size <= FEW else float(np.abs(values).max(initial=0.0))

@@ -43,6 +43,7 @@ class TrajectoryTemplate:
         self._tail = stride - (end - anchor)
         row = lengths[anchor - begin :] + following[: self._tail]
         self._row = np.frombuffer(row, np.uint8)
+        self._rows = self._row[None].copy()
         self._fields = np.dtype(
             {
                 "names": [*self.sequences, "sec", "nanosec"],
@@ -57,7 +58,9 @@ class TrajectoryTemplate:
 
         The header has the first stamp. Raises InputError for a stamp outside int32 seconds.
         """
-        rows = np.tile(self._row, (stamps_ns.size, 1))
+        if stamps_ns.size > len(self._rows):  # kept for the next message, because tiling costs more than the rest
+            self._rows = np.tile(self._row, (stamps_ns.size, 1))
+        rows = self._rows[: stamps_ns.size]
         fields = rows.view(self._fields)[:, 0]
         for name in self.sequences:
             fields[name] = values[name]

@@ -2,7 +2,8 @@
 
     python -m biodyn_ros.node.layouts config/layouts    # writes both files
 
-Each shows, a tab after the other: predicted against measured acceleration, exposure, residual, diagnostics.
+Each shows, a tab after the other: predicted against measured acceleration, forces of joints, exposure, residual,
+diagnostics. Of a block of samples the first is drawn.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import Any, Final
 from xml.etree import ElementTree as ET
 
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
+from biodyn_core.exposure.joint_forces import JOINT_NAMES
 from biodyn_core.exposure.limits import EU_LIMITS
 from biodyn_ros.base.files import write_text
 from biodyn_ros.base.topics import (
@@ -25,6 +27,7 @@ from biodyn_ros.base.topics import (
     MEASURED,
     NODE_NAME,
     PREDICTED,
+    PREDICTED_BLOCK,
     RESIDUAL,
     ROLLING,
     absolute,
@@ -81,6 +84,20 @@ def motion() -> list[Plot]:
     ]
 
 
+def forces() -> list[Plot]:
+    """The predicted force in each joint, by the segment above it."""
+    named = zip(JOINT_NAMES.values(), cycle(COLORS), strict=False)
+    return [
+        Plot(
+            "force in the joints, N, without the static weight",
+            tuple(
+                Curve(absolute(PREDICTED_BLOCK), f"points[0].effort[{index}]", label, color, stamped=True)
+                for index, (label, color) in enumerate(named)
+            ),
+        )
+    ]
+
+
 def exposure() -> list[Plot]:
     """Exposure since reset: doses, rms, the day's value against its limits, and criteria of single shocks."""
     seat, lives = f"{EXPOSURE}/seat", ("seat", "head", "predicted/head")
@@ -113,6 +130,10 @@ def residual() -> list[Plot]:
     ]
 
 
+def _tabs() -> tuple[tuple[str, list[Plot]], ...]:
+    return ("motion", motion()), ("forces", forces()), ("exposure", exposure()), ("residual", residual())
+
+
 def _scalars(named: Sequence[tuple[str, str]]) -> tuple[Curve, ...]:
     return tuple(
         Curve(absolute(topic), SCALAR, label, color)
@@ -130,7 +151,7 @@ def plotjuggler() -> str:
     """
     root = ET.Element("root")
     window = ET.SubElement(root, "tabbed_widget", name="Main Window", parent="main_window")
-    for title, plots in (("motion", motion()), ("exposure", exposure()), ("residual", residual())):
+    for title, plots in _tabs():
         drawn = [(plot.title, [(_series(c), c.color) for c in plot.curves]) for plot in plots]
         _tab(window, title, drawn, 2 if len(drawn) > 1 else 1)
     statuses = [
@@ -151,7 +172,7 @@ def plotjuggler() -> str:
         how = ET.SubElement(plugins, "plugin", ID=plugin)
         for name, value in (("use_header_stamp", "true"), ("discard_large_arrays", "true"), ("max_array_size", "100")):
             ET.SubElement(how, name, value=value)
-    curves = [curve for plot in (*motion(), *exposure(), *residual()) for curve in plot.curves]
+    curves = [curve for _, plots in _tabs() for plot in plots for curve in plot.curves]
     topics = dict.fromkeys((*(curve.topic for curve in curves), DIAGNOSTICS))
     ET.SubElement(how, "selected_topics", value=";".join(topics))
     ET.SubElement(root, "previouslyLoaded_Datafiles")
@@ -193,7 +214,7 @@ def lichtblick() -> str:
     """
     panels: dict[str, Any] = {}
     tabs = []
-    for title, plots in (("motion", motion()), ("exposure", exposure()), ("residual", residual())):
+    for title, plots in _tabs():
         ids = []
         for number, plot in enumerate(plots):
             ids.append(f"Plot!{title}{number}")

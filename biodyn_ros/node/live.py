@@ -48,8 +48,14 @@ from biodyn_ros.node.snapshot_builder import SnapshotBuilder
 from biodyn_ros.node.subscriptions import Subscriptions
 from biodyn_ros.node.warmup import warm_up
 
-DRAIN_RATE_HZ: Final = 100.0
+DRAIN_RATE_HZ: Final = 30.0
 """One of the six sensors is served at each tick, so that a drain delays the seat only briefly."""
+
+SHORTEST_BLOCK_MS: Final = 1.0
+"""A shorter block has at most one sample, and a timer would cost more than the sample."""
+
+IDLE_BLOCK_MS: Final = 50.0
+"""Least length of a block while no samples are subscribed to: nobody waits for them, and long blocks cost less."""
 
 REFRESH_RATE_HZ: Final = 20.0
 DIAGNOSTICS_RATE_HZ: Final = 2.0
@@ -70,11 +76,7 @@ class LiveSettings:
     autostart: bool = setting(True, "configure and activate at start")
     queue_depth: int = setting(2000, "subscription queue of every sensor, in messages", "", 200, 10_000_000)
     block_ms: float = setting(
-        5.0,
-        "the seat is processed in blocks of this length, unless single samples are subscribed to; 0: never",
-        "ms",
-        0.0,
-        100.0,
+        5.0, "the seat is processed in blocks of this length, 1 ms or longer; 0: each sample at once", "ms", 0.0, 100.0
     )
     publish_measured: bool = setting(False, "publish the conditioned measurements too")
     exposure_rate_hz: float = setting(2.0, "how often exposure is published", "Hz", 1.0, 10.0)
@@ -92,6 +94,8 @@ class LiveSettings:
 
     def __post_init__(self) -> None:
         check_settings(self)
+        if 0.0 < self.block_ms < SHORTEST_BLOCK_MS:
+            raise InputError(f"block_ms is {self.block_ms:g}, allowed are 0 and {SHORTEST_BLOCK_MS:g} to 100 ms")
 
 
 SETTINGS: Final = (LiveSettings, ServingSettings, ConditioningSettings, PipelineSettings)
@@ -165,8 +169,10 @@ class BiodynNode(LifecycleNode):
         self._exposure, self._store = ContinuedExposure(pipeline), self._new_store(subject)
         self._snapshots = SnapshotBuilder(self.settings.shock_mps2)
         self._sensors = Subscriptions(
-            self, self.settings.queue_depth, settings.window_s, self._push, lambda: pipeline.overdue
-        )
+            self, self.settings.queue_depth, settings.window_s, self._push, lambda: pipeline.overdue,
+            singly=not self.settings.block_ms,
+        )  # fmt: skip
+        self._skipped_ms = 0.0
         self._health, self._statuses = HealthMonitor(pipeline, self._sensors.health), []
         forces_known = subject.mass_matrix == "segment"
         self._publications = Publications(self, self.settings.publish_measured, forces_known)
@@ -178,14 +184,14 @@ class BiodynNode(LifecycleNode):
 
     def _activate(self) -> None:
         self._sensors.open()
-        self._update_subscribers()
+        self._publications.update_subscribers()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._node_timers = [
             self.create_timer(1.0 / rate_hz, guarded(callback, self._log_timer_error), clock=steady)
             for rate_hz, callback in (
                 *([(1e3 / self.settings.block_ms, self._take_block)] if self.settings.block_ms else []),
                 (DRAIN_RATE_HZ, self._sensors.drain),
-                (REFRESH_RATE_HZ, self._update_subscribers),
+                (REFRESH_RATE_HZ, self._publications.update_subscribers),
                 (self.settings.exposure_rate_hz, lambda: self._publications.exposure(self.pipeline)),
                 (DIAGNOSTICS_RATE_HZ, self._publish_diagnostics),
                 (SNAPSHOT_RATE_HZ, self._publish_snapshot),
@@ -261,18 +267,11 @@ class BiodynNode(LifecycleNode):
             self._publications.blocks()
 
     def _take_block(self) -> None:
-        self._sensors.take_seat()
-        self._publications.blocks()
-
-    def _update_subscribers(self) -> None:
-        """Check which topics have subscribers; single samples are processed one by one, because bursts cost more."""
-        self._publications.update_subscribers()
-        singly = not self.settings.block_ms or self._publications.has_sample_subscriber
-        if singly != self._sensors.singly:
+        self._skipped_ms += self.settings.block_ms
+        if self._publications.has_sample_subscriber or self._skipped_ms >= IDLE_BLOCK_MS:
+            self._skipped_ms = 0.0
             self._sensors.take_seat()
-            self._sensors.singly = singly
-            if self.executor is not None:
-                self.executor.wake()
+            self._publications.blocks()
 
     @property
     def subscriptions(self) -> Iterator[Any]:

@@ -6,8 +6,8 @@ Samples leave one by one on six topics, and in blocks on one. A block costs abou
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any, Final, Generic, TypeVar
+from collections.abc import Sequence
+from typing import Any, Final, Generic
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -18,22 +18,16 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import Float64, String
 from trajectory_msgs.msg import JointTrajectory
 
-from biodyn_core.base.arrays import Floats
-from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
-from biodyn_core.body.model import parts_of_motion
 from biodyn_core.pipeline.frames import Frames, MeasuredFrames, PredictedFrames
 from biodyn_core.pipeline.pipeline import Pipeline
+from biodyn_ros.bag.blocks import AnyFrames, BlockEncoder, measured_blocks, predicted_blocks
 from biodyn_ros.bag.cdr import AccelStampedTemplate
-from biodyn_ros.bag.trajectories import SEQUENCES, TrajectoryTemplate
 from biodyn_ros.base import topics
 from biodyn_ros.node.health import Mark, Status
 
 OUTPUT_DEPTH: Final = 2000
 BLOCK_DEPTH: Final = 400
 """Two seconds of blocks of 5 ms."""
-
-LONGEST_BLOCK: Final = 256
-"""Most samples of one message; after a stall there are more than one block of them."""
 
 SCALAR_DEPTH: Final = 10
 
@@ -74,64 +68,39 @@ class AccelTopics:
                         publish(fill(stamp_ns, value))
 
 
-AnyFrames = TypeVar("AnyFrames", PredictedFrames, MeasuredFrames)
-
-
 class BlockTopic(Generic[AnyFrames]):
-    """A topic of blocks: `add` frames, `publish` all that were added since, while somebody subscribes.
+    """A topic of blocks: `add` frames, `publish` all that were added since, while somebody subscribes."""
 
-    numbers: the sequences of a message, (n, names) by name, of some frames.
-    """
-
-    def __init__(
-        self, node: LifecycleNode, topic: str, names: Sequence[str], sequences: Sequence[str],
-        numbers: Callable[[AnyFrames], dict[str, Floats]],
-    ) -> None:  # fmt: skip
+    def __init__(self, node: LifecycleNode, topic: str, encoder: BlockEncoder[AnyFrames]) -> None:
         self.publisher = node.create_publisher(
             JointTrajectory, topic, _reliable(BLOCK_DEPTH),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )  # fmt: skip
-        self._template, self._numbers = TrajectoryTemplate(SEAT, names, sequences), numbers
-        self._is_wanted = False
+        self._encoder = encoder
+        self.is_wanted = False
         self._waiting: list[AnyFrames] = []
 
     def update_subscribers(self) -> None:
         """From now on collect frames only if the topic has subscribers."""
-        self._is_wanted = self.publisher.get_subscription_count() > 0
-        if not self._is_wanted:
+        self.is_wanted = self.publisher.get_subscription_count() > 0
+        if not self.is_wanted:
             self._waiting = []
 
     def add(self, frames: AnyFrames) -> None:
         """Add frames; they must not be written to afterwards."""
-        if self._is_wanted and frames.stamps_ns.size:
+        if self.is_wanted and frames.stamps_ns.size:
             self._waiting.append(frames)
 
     def publish(self) -> None:
-        """Send the frames that were added, without instants at which no acceleration is known."""
+        """Send the frames that were added."""
         if not self._waiting:
             return
         frames, *others = self._waiting
+        self._waiting = []
         if others:
             frames = type(frames)(*map(np.concatenate, zip(frames, *others, strict=True)))
-        self._waiting = []
-        known = ~np.isnan(frames.accel_mps2).all(axis=1)
-        stamps_ns, numbers = frames.stamps_ns[known], {key: rows[known] for key, rows in self._numbers(frames).items()}
-        for begin in range(0, stamps_ns.size, LONGEST_BLOCK):
-            part = slice(begin, begin + LONGEST_BLOCK)
-            self.publisher.publish(
-                self._template.fill(stamps_ns[part], {key: rows[part] for key, rows in numbers.items()})
-            )
-
-
-def _predicted_numbers(frames: PredictedFrames) -> dict[str, Floats]:
-    displacement_m, velocity_mps, force_n = parts_of_motion(frames.motion)
-    return {
-        "positions": displacement_m, "velocities": velocity_mps, "accelerations": frames.accel_mps2, "effort": force_n
-    }  # fmt: skip
-
-
-def _measured_numbers(frames: MeasuredFrames) -> dict[str, Floats]:
-    return {"accelerations": frames.accel_mps2}
+        for _, message in self._encoder.blocks(frames):
+            self.publisher.publish(message)
 
 
 def _reliable(depth: int = OUTPUT_DEPTH) -> QoSProfile:
@@ -145,10 +114,8 @@ class Publications:
     def __init__(self, node: LifecycleNode, with_measured: bool, with_forces: bool) -> None:
         self._node = node
         self._predicted, self._measured = AccelTopics(node, topics.PREDICTED), AccelTopics(node, topics.MEASURED)
-        # Without forces, as under `cascade`, the effort stays empty.
-        sequences = SEQUENCES if with_forces else [name for name in SEQUENCES if name != "effort"]
-        self._predicted_block = BlockTopic(node, topics.PREDICTED_BLOCK, SEGMENTS, sequences, _predicted_numbers)
-        self._measured_block = BlockTopic(node, topics.MEASURED_BLOCK, SENSORS, ["accelerations"], _measured_numbers)
+        self._predicted_block = BlockTopic(node, topics.PREDICTED_BLOCK, predicted_blocks(with_forces))
+        self._measured_block = BlockTopic(node, topics.MEASURED_BLOCK, measured_blocks())
         self._with_measured = with_measured
         self._scalars = {topic: node.create_publisher(Float64, topic, SCALAR_DEPTH) for topic in topics.SCALARS}
         self._diagnostics = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, SCALAR_DEPTH)
@@ -172,8 +139,10 @@ class Publications:
 
     @property
     def has_sample_subscriber(self) -> bool:
-        """Whether a topic of single predictions has subscribers."""
-        return self._predicted.is_wanted
+        """Whether a topic of samples or blocks has subscribers."""
+        return any(
+            one.is_wanted for one in (self._predicted, self._predicted_block, self._measured, self._measured_block)
+        )
 
     def frames(self, frames: Frames) -> None:
         """Publish accelerations of the model and, if configured, of the sensors; blocks wait for `blocks`."""
@@ -188,13 +157,17 @@ class Publications:
         self._measured_block.publish()
 
     def exposure(self, pipeline: Pipeline) -> None:
-        """Publish the figures since reset and of the window."""
+        """Publish the figures since reset and of the window, to the topics with subscribers."""
+        wanted = [topic for topic, publisher in self._scalars.items() if publisher.get_subscription_count() > 0]
+        if not wanted:
+            return
         since, rolling = pipeline.exposure(), pipeline.exposure(rolling=True)
         values = topics.exposure_values(since, topics.EXPOSURE) | topics.exposure_values(rolling, topics.ROLLING)
         values |= {topics.RESIDUAL[segment]: rms for segment, (rms, _) in rolling.residual.items()}
         values |= topics.seat_values(pipeline.seat())
-        for topic, value in values.items():
-            self._scalars[topic].publish(Float64(data=value))
+        for topic in wanted:
+            if topic in values:
+                self._scalars[topic].publish(Float64(data=values[topic]))
 
     def diagnostics(self, statuses: Sequence[Status]) -> None:
         """Publish the statuses."""

@@ -126,13 +126,14 @@ def _seat(seat: SeatExposure, limits: LimitSet, losses: Losses, fault: str) -> d
 def _rows(rolling: Exposure, statuses: dict[str, Status], lower_bounds: Container[str]) -> list[dict[str, Any]]:
     """From the head down: weighted acceleration of the window, measured and predicted, and each sensor's status.
 
-    Both figures of a segment, their ratios to the seat and the residual are over the same samples. lower_bounds: the
-    sensors whose means are lower bounds.
+    Both figures of a segment, their ratios to the seat and the residual are over the same samples. The peaks of force
+    are of the joint below the segment. lower_bounds: the sensors whose means are lower bounds.
     """
     rows = []
     for name in ROWS:
         found, model, seat_mps2 = _compared_mps2(rolling, name)
         rms_mps2, percent = rolling.residual.get(name, (None, None))
+        force = rolling.joint_forces.get(name)
         rows.append(
             {
                 "name": words(name),
@@ -142,6 +143,8 @@ def _rows(rolling: Exposure, statuses: dict[str, Status], lower_bounds: Containe
                 "predicted_lower_bound": SEAT in lower_bounds,
                 "measured_ratio": _ratio(found, seat_mps2) if name != SEAT else None,
                 "predicted_ratio": _ratio(model, seat_mps2),
+                "compression_n": force.compression_n if force else None,
+                "tension_n": force.tension_n if force else None,
                 "residual_mps2": rms_mps2,
                 "residual_percent": percent if percent is not None and math.isfinite(percent) else None,
                 "measured_column": SENSORS.index(name) if name in SENSORS else None,

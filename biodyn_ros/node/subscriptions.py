@@ -54,18 +54,19 @@ class Subscriptions:
 
     Meanwhile call `take_seat`, `drain` and `check_transport` periodically, and let the executor serve all subscriptions
     but `drained`. overdue: whether the seat's next sample gives up instants. singly: whether the executor serves the
-    seat, each sample at once. health: state of the transport by sensor; like the figures it survives `close`.
+    seat, each sample at once, instead of `take_seat`. health: state of the transport by sensor; like the figures it
+    survives `close`.
     """
 
     def __init__(
-        self, node: LifecycleNode, depth: int, window_s: float, push: Push, overdue: Callable[[], bool]
+        self, node: LifecycleNode, depth: int, window_s: float, push: Push, overdue: Callable[[], bool], singly: bool
     ) -> None:
+        self._singly = singly
         self._node, self._depth, self._window_s, self._push, self._overdue = node, depth, window_s, push, overdue
         self.health = {sensor: SensorHealth() for sensor in SENSORS}
         self._subscriptions: dict[str, Any] = {}
-        self.singly = False
         self._single = 0
-        self._seat_stamp_ns: int | None = None
+        self._notes_seat = False
         self._gids: dict[str, list[bytes]] = {}
         self._are_numbered = get_rmw_implementation_identifier().startswith(NUMBERING)
         self._next_drained = itertools.cycle(SENSORS)
@@ -86,11 +87,11 @@ class Subscriptions:
     @property
     def drained(self) -> list[Any]:
         """The subscriptions that the executor must leave alone."""
-        return [one for sensor, one in self._subscriptions.items() if not (self.singly and sensor == SEAT)]
+        return [one for sensor, one in self._subscriptions.items() if not (self._singly and sensor == SEAT)]
 
     def take_seat(self) -> None:
-        """Push the seat's messages as one block; nothing if the executor serves the seat."""
-        if self.singly or not (messages := self._arrived(SEAT)):
+        """Push the seat's messages as one block."""
+        if not (messages := self._arrived(SEAT)):
             return
         if len(messages) > MAX_SINGLE or self._overdue():
             self._push_all(messages)
@@ -98,12 +99,10 @@ class Subscriptions:
             guarded(self._on_seat_block, partial(self._refuse, SEAT))(messages)
 
     def drain(self) -> None:
-        """Push the next sensor's messages; of the seat, whose messages are pushed already, note the arrival alone."""
+        """Push the next sensor's messages; of the seat, which is taken elsewhere, note the next arrival alone."""
         sensor = next(self._next_drained)
         if sensor == SEAT:
-            stamp_ns, self._seat_stamp_ns = self._seat_stamp_ns, None
-            if stamp_ns is not None:
-                self._note_arrival(SEAT, stamp_ns)
+            self._notes_seat = True
         elif taken := self._arrived(sensor):
             guarded(self._on_messages, partial(self._refuse, sensor))(sensor, taken)
 
@@ -143,13 +142,13 @@ class Subscriptions:
         stamp_ns, accel_mps2 = decode_imu_one(message)
         self._push(SEAT, np.array([stamp_ns]), np.array([accel_mps2]))
         self.health[SEAT].arrived()
-        self._seat_stamp_ns = stamp_ns
+        self._note_seat(stamp_ns)
 
     def _on_seat_block(self, messages: list[bytes]) -> None:
         block = self._decoded(SEAT, messages)
         if len(block):
             self._push(SEAT, block.stamps_ns, block.accel_mps2)
-            self._seat_stamp_ns = int(block.stamps_ns[-1])
+            self._note_seat(int(block.stamps_ns[-1]))
 
     def _on_messages(self, sensor: str, messages: list[bytes]) -> None:
         block = self._decoded(sensor, messages)
@@ -200,6 +199,12 @@ class Subscriptions:
     def _refuse(self, sensor: str, why: str) -> None:
         self.health[sensor].refused(why)
         self._node.get_logger().error(f"{sensor}: {why}", throttle_duration_sec=1.0)
+
+    def _note_seat(self, stamp_ns: int) -> None:
+        """Note an arrival of the seat as often as those of the others."""
+        if self._notes_seat:
+            self._notes_seat = False
+            self._note_arrival(SEAT, stamp_ns)
 
     def _note_arrival(self, sensor: str, stamp_ns: int) -> None:
         self.health[sensor].timed(stamp_ns, self._node.get_clock().now().nanoseconds, self._window_s)

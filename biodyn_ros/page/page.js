@@ -26,6 +26,10 @@ function short(value) {
   return value === null ? "–" : value.toFixed(value < 10 ? 2 : 1);
 }
 
+function whole(value) {
+  return value === null ? "–" : value.toFixed(0);
+}
+
 function clock(seconds) {
   return seconds > 1e9 ? new Date(1000 * seconds).toLocaleTimeString() : `${seconds.toFixed(1)} s`;
 }
@@ -153,8 +157,12 @@ function segment(of, most) {
   const values = element("span", "values");
   values.append(element("span", "", least(of.measured_lower_bound, short(of.measured_mps2))));
   values.append(element("span", "model", of.name === "seat" ? "" : least(of.predicted_lower_bound, short(of.predicted_mps2))));
-  const shares = of.name === "seat" ? "" : `T ${short(of.measured_ratio)} / ${short(of.predicted_ratio)}`;
-  made.append(sign, name, bars, values, element("span", "ratio", shares));
+  const ratio = element("span", "ratio");
+  if (of.name !== "seat") ratio.append(
+    element("span", "", `T ${short(of.measured_ratio)} / ${short(of.predicted_ratio)}`),
+    element("span", "model", `F ${least(of.predicted_lower_bound, whole(of.compression_n))} / ${whole(of.tension_n)}`),
+  );
+  made.append(sign, name, bars, values, ratio);
   return made;
 }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,7 +21,9 @@ from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros import __version__
 from biodyn_ros.bag import BagWriter
+from biodyn_ros.bag.blocks import measured_blocks, predicted_blocks
 from biodyn_ros.bag.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
+from biodyn_ros.bag.trajectories import JOINT_TRAJECTORY_TYPE
 from biodyn_ros.base import topics
 from biodyn_ros.base.files import check_directory, make_directory, remove
 from biodyn_ros.base.json_files import write_json
@@ -34,6 +36,9 @@ from biodyn_ros.reports.exposure_json import exposure_document
 from biodyn_ros.reports.exposure_report import ExposureReport, exposure_report, sensor_warnings
 
 PREDICTED: Final = "predicted.mcap"
+BLOCK: Final = 64
+"""Most samples of a block in the bag."""
+
 REPORT: Final = "report.html"
 
 
@@ -143,12 +148,16 @@ class _PredictedBag:
     def __init__(self, directory: Path, subject: Subject, bag: str, open_files: contextlib.ExitStack) -> None:
         self._directory, self._open_files = directory, open_files
         self._metadata = {"subject": subject.name, "bag": bag, "version": __version__}
+        self._blocks = predicted_blocks(subject.mass_matrix == "segment"), measured_blocks()
         self._writer: BagWriter | None = None
 
     def add(self, frames: Frames) -> None:
         """Add one push's frames; NaN is not written."""
         self._write(topics.PREDICTED, SEGMENTS, *frames.predicted[:2])
         self._write(topics.MEASURED, SENSORS, *frames.measured[:2])
+        predicted, measured = self._blocks
+        self._write_blocks(topics.PREDICTED_BLOCK, predicted.blocks(frames.predicted, BLOCK))
+        self._write_blocks(topics.MEASURED_BLOCK, measured.blocks(frames.measured, BLOCK))
 
     def _write(self, names: dict[str, str], order: tuple[str, ...], stamps_ns: Integers, accel_mps2: Floats) -> None:
         if stamps_ns.size == 0:
@@ -161,6 +170,13 @@ class _PredictedBag:
             if stamps.size:
                 self._writer.write(topics.absolute(names[name]), stamps, encode_accel_stamped(stamps, values, name))
 
+    def _write_blocks(self, name: str, blocks: Iterator[tuple[int, bytes]]) -> None:
+        """Blocks are logged when they are complete, as live."""
+        for last_ns, message in blocks:
+            assert self._writer is not None  # begun with the single samples of these frames
+            payload = np.frombuffer(message, np.uint8)[None]
+            self._writer.write(topics.absolute(name), np.array([last_ns]), payload)
+
     def _begin(self) -> BagWriter:
         self._open_files.push(_unmake_on_failure(_make(self._directory)))
         path = self._directory / PREDICTED
@@ -168,6 +184,8 @@ class _PredictedBag:
         writer.add_metadata("biodyn", self._metadata)
         for topic in (*topics.PREDICTED.values(), *topics.MEASURED.values()):
             writer.add_topic(topics.absolute(topic), ACCEL_STAMPED_TYPE)
+        for topic in (topics.PREDICTED_BLOCK, topics.MEASURED_BLOCK):
+            writer.add_topic(topics.absolute(topic), JOINT_TRAJECTORY_TYPE)
         return writer
 
 
