@@ -1,5 +1,7 @@
 """`python -m bench.soak [MINUTES]`: runs the live node for 30 minutes over real DDS, then at up to four times the rate.
 
+Predictions leave in blocks.
+
 Each window is a row: lost responses, CPU of the node's process, latency, resident memory. Exit code 1 if a message is
 lost at the native rate or memory grows after the warm-up.
 """
@@ -28,7 +30,7 @@ HEADER = " rate     from      to          answers     lost    CPU %   p50 ms   p
 
 def soaked(rate: float, seconds: float, windows: int) -> list[Window]:
     """Run the node at a multiple of the native rate, and print each window."""
-    found = streamed(NODE, "predicted", rate * NATIVE_RATE_HZ, [seconds / windows] * windows)
+    found = streamed(NODE, "block", rate * NATIVE_RATE_HZ, [seconds / windows] * windows)
     for window in found:
         one = window.found
         print(

@@ -54,10 +54,12 @@ DRAIN_RATE_HZ: Final = 30.0
 SHORTEST_BLOCK_MS: Final = 1.0
 """A shorter block has at most one sample, and a timer would cost more than the sample."""
 
-IDLE_BLOCK_MS: Final = 50.0
-"""Least length of a block while no samples are subscribed to: nobody waits for them, and long blocks cost less."""
-
 REFRESH_RATE_HZ: Final = 20.0
+"""How often topics are checked for subscribers.
+
+While no samples are subscribed to, blocks have this rate: nobody waits for them, and longer blocks cost less.
+"""
+
 DIAGNOSTICS_RATE_HZ: Final = 2.0
 SNAPSHOT_RATE_HZ: Final = 4.0
 STORE_RATE_HZ: Final = 0.5
@@ -172,7 +174,6 @@ class BiodynNode(LifecycleNode):
             self, self.settings.queue_depth, settings.window_s, self._push, lambda: pipeline.overdue,
             singly=not self.settings.block_ms,
         )  # fmt: skip
-        self._skipped_ms = 0.0
         self._health, self._statuses = HealthMonitor(pipeline, self._sensors.health), []
         forces_known = subject.mass_matrix == "segment"
         self._publications = Publications(self, self.settings.publish_measured, forces_known)
@@ -185,13 +186,13 @@ class BiodynNode(LifecycleNode):
     def _activate(self) -> None:
         self._sensors.open()
         self._publications.update_subscribers()
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        steady, block_ms = Clock(clock_type=ClockType.STEADY_TIME), self.settings.block_ms
         self._node_timers = [
             self.create_timer(1.0 / rate_hz, guarded(callback, self._log_timer_error), clock=steady)
             for rate_hz, callback in (
-                *([(1e3 / self.settings.block_ms, self._take_block)] if self.settings.block_ms else []),
+                (1e3 / block_ms if block_ms else REFRESH_RATE_HZ, self._take_block),
                 (DRAIN_RATE_HZ, self._sensors.drain),
-                (REFRESH_RATE_HZ, self._publications.update_subscribers),
+                (REFRESH_RATE_HZ, self._update_subscribers),
                 (self.settings.exposure_rate_hz, lambda: self._publications.exposure(self.pipeline)),
                 (DIAGNOSTICS_RATE_HZ, self._publish_diagnostics),
                 (SNAPSHOT_RATE_HZ, self._publish_snapshot),
@@ -267,11 +268,19 @@ class BiodynNode(LifecycleNode):
             self._publications.blocks()
 
     def _take_block(self) -> None:
-        self._skipped_ms += self.settings.block_ms
-        if self._publications.has_sample_subscriber or self._skipped_ms >= IDLE_BLOCK_MS:
-            self._skipped_ms = 0.0
+        if self.settings.block_ms:
             self._sensors.take_seat()
             self._publications.blocks()
+
+    def _update_subscribers(self) -> None:
+        """Check which topics have subscribers; the timer of the blocks runs while one with samples has."""
+        self._publications.update_subscribers()
+        timer = self._node_timers[0]
+        if not self._publications.has_sample_subscriber:
+            timer.cancel()
+            self._take_block()
+        elif timer.is_canceled():
+            timer.reset()
 
     @property
     def subscriptions(self) -> Iterator[Any]:
