@@ -308,9 +308,11 @@ def test_forces_are_shown_with_their_static_weight_and_what_they_rest_on(drawn):
         assert "pelvis to lower torso (lumbar)" in text and "71.5 kg" in text and "no force in people" in text
         for figure in ("900", "400", "100", "300"):
             assert figure in text
+    assert "would lift off" in summary(report()) and report().lifts_off  # a tension of 401 N against 301 N
     bound = report(
         joint_forces={"pelvis": JointExposure(JointForce(9.5, 0.0, 3.5, 1.0), Losses(0, 1.0, 0.0, 0.0), 5.0)}
     )
+    assert "would lift off" not in summary(bound)
     assert ">= 9.50" in summary(bound) and ">= 3.50" not in summary(bound)
 
 

@@ -18,6 +18,8 @@ _GROUPS: Final = {
 
 MODEL: Final = "the model"
 
+LIFTS_OFF: Final = "The tension between seat and pelvis exceeds the static weight: a real body would lift off there."
+
 FORCES_NOT_MEASURED: Final = "no force in people was measured to compare them with"
 
 UNITS_TYPESET: Final = {"m/s^2": "m/s²", "m/s^1.75": "m/s¹·⁷⁵", "m/s^1.5": "m/s¹·⁵"}

@@ -8,7 +8,7 @@ from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_core.exposure.joint_forces import JOINT_NAMES
 from biodyn_core.exposure.limit_assessment import HORIZONTAL_FACTOR, SeatExposure
 from biodyn_ros import __version__
-from biodyn_ros.base.wording import FORCES_NOT_MEASURED, words
+from biodyn_ros.base.wording import FORCES_NOT_MEASURED, LIFTS_OFF, words
 from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.replay.traces import Traces
 from biodyn_ros.reports.doses import VDV_LABEL, Pair, doses
@@ -42,6 +42,7 @@ def replay_page(report: ExposureReport, traces: Traces) -> str:
         flagged=seat is not None and any(ratio.exceeded for ratio in seat.shock_ratios),
         joints=[(JOINT_NAMES[name], joint) for name, joint in reversed(report.joint_forces.items())],
         forces_not_measured=FORCES_NOT_MEASURED,
+        lifts_off=LIFTS_OFF,
         segments=[name for name in SEGMENTS if name in report.predicted],
         sensors=[name for name in SENSORS if name in report.sensors],
         worst=_worst_residual(report),

@@ -6,7 +6,7 @@ from biodyn_core.exposure.injury import Hic
 from biodyn_core.exposure.joint_forces import JOINT_NAMES
 from biodyn_core.exposure.limit_assessment import SeatExposure
 from biodyn_core.exposure.limits import LimitSet
-from biodyn_ros.base.wording import FORCES_NOT_MEASURED, bound, duration, number, sentence, span, table
+from biodyn_ros.base.wording import FORCES_NOT_MEASURED, LIFTS_OFF, bound, duration, number, sentence, span, table
 from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.reports.exposure_report import ChannelExposure, ExposureReport
 from biodyn_ros.reports.verdict import HORIZONTAL, KINDS, ZONE, shocks, time_left
@@ -109,6 +109,7 @@ def _joint_lines(report: ExposureReport) -> list[str]:
     return [
         *table([("force in the joint, N", "compression", "tension", "rms", "static weight"), *rows], left=(0,)),
         f"Forces: predicted, without the static weight, {assumed}.",
+        *([LIFTS_OFF] if report.lifts_off else []),
         "",
     ]
 

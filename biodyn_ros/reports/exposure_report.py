@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from biodyn_core.base.segments import HEAD, SEAT, SENSORS
+from biodyn_core.base.segments import HEAD, SEAT, SEGMENTS, SENSORS
 from biodyn_core.base.wording import counted
 from biodyn_core.body.model import Chain
 from biodyn_core.body.subject import Subject
@@ -87,6 +87,12 @@ class ExposureReport:
     def prediction_status(self) -> str:
         """Held-out errors of a fit are of another vehicle and seat, so no prediction is validated."""
         return "extrapolated" if self.run.is_extrapolating else "not_validated"
+
+    @property
+    def lifts_off(self) -> bool:
+        """Whether the tension between seat and pelvis exceeds the static weight, which a seat cannot exert."""
+        seat_joint = self.joint_forces.get(SEGMENTS[0])
+        return seat_joint is not None and seat_joint.force.tension_n > seat_joint.static_n
 
     @property
     def is_dri_lower_bound(self) -> bool:

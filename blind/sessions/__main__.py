@@ -23,7 +23,7 @@ MINUTES: Final = 40.0
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run the whole study, about an hour on one core, and 8 GB of memory."""
+    """Run the whole study, about half an hour on one core, and 11 GB of memory."""
     parser = argparse.ArgumentParser(prog="python -m blind sessions")
     parser.add_argument("--sessions", type=int, default=10, metavar="N", help="sessions to search (default 10)")
     parser.add_argument("--people", type=int, default=4, metavar="N", help="people to fit (default 4)")
