@@ -82,7 +82,8 @@ def test_the_tables_of_topics_list_the_topics_of_the_node(page: str, head: str) 
         patterns.append(last)
     there = {
         *topics.INPUT.values(), *topics.PREDICTED.values(), *topics.MEASURED.values(), topics.DIAGNOSTICS,
-        topics.SNAPSHOT, topics.MARKS, topics.PREDICTED_BLOCK, topics.MEASURED_BLOCK, *(topic.replace(topics.ROLLING, topics.EXPOSURE) for topic in topics.SCALARS),
+        topics.SNAPSHOT, topics.MARKS, topics.PREDICTED_BLOCK, topics.MEASURED_BLOCK,
+        *(topic.replace(topics.ROLLING, topics.EXPOSURE) for topic in topics.SCALARS),
     }  # fmt: skip
     matched = {
         pattern: {t for t in there if re.fullmatch(as_regex(pattern), t)}
