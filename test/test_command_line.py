@@ -17,12 +17,11 @@ from typing import Any
 import numpy as np
 import pytest
 from pages import empty_drawings
+from session_bags import session_bag
 from streams import noisy_streams
 from trident import capture_u_files, nexus_text, shock, still
 
 from biodyn_core.base.segments import SEAT
-from biodyn_core.body.subject import load_subject
-from biodyn_core.body.synthesis_settings import SensorSettings
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base import topics
@@ -33,14 +32,13 @@ from biodyn_ros.commands.completion import script
 from biodyn_ros.commands.parsing import CommandParser
 from biodyn_ros.commands.table import GROUPS, NAMES, command_of, parser
 from biodyn_ros.node.params import names
-from biodyn_ros.simulate import motion_of_cases, simulate_bag
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = [example for name in NAMES for example in command_of(name).examples]
 TOO_LONG = ("fit", "subject", "trace", "demo", "play", "live", "page")
 """Commands whose examples are parsed, not run: they take minutes, or never end."""
 
-WITHOUT_JSON = {"demo", "live", "page", "completion"}
+WITHOUT_JSON = {"demo", "live", "page", "compile", "completion"}
 
 
 @pytest.fixture(autouse=True)
@@ -140,8 +138,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(config_file("limits.yaml"), at / "limits.yaml")
     shutil.copy(config_file("live.yaml"), at / "live.yaml")
     for number, name in enumerate(("session", "session_2")):
-        motion = motion_of_cases(["road"], 13.0, seed=number)
-        simulate_bag(at / f"{name}.mcap", load_subject(subject_file("subject_1")), motion, number, SensorSettings())
+        session_bag(at / f"{name}.mcap", number, ("road", "pothole"))
     (at / "conditions.csv").write_text("start,end,case\n0,9,gravel\n", encoding="utf-8")
     (at / "subjects.yaml").write_text("subjects: []\n", encoding="utf-8")
     for serial in ("TS-02374", "TS-02375"):
@@ -264,6 +261,7 @@ def test_the_examples_of_the_live_node_name_existing_parameters(place: Path) -> 
             "the same recording as session.mcap; give it once",
         ),
         ("events session.mcap -o x.yaml --shock-g 99", "shock_g is 99, allowed are 0.1 to 50 g"),
+        ("compile --subject nobody", "no subject file nobody"),
         ("replay drive.mcap@9..8 --subject subject_1 -o x", "needs an end at least 0.5 s after its start"),
         ("replay drive.mcap@900..901 --subject subject_1 -o x", "drive.mcap@900..901: outside the bag, which has "),
         ("fit drive.mcap --subject anna.yaml -o y.yaml --hold-out auto road.mcap", "name no further ones"),

@@ -14,7 +14,7 @@ PURPOSE: Final = "Six IMUs on a seated person in a vehicle: predicted motion, ex
 
 GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "data": ("import-blue-trident", "info", "check-sensors", "events", "simulate", "demo"),
-    "online": ("live", "page", "play"),
+    "online": ("live", "page", "play", "compile"),
     "offline": ("replay",),
     "model": ("subject", "fit", "compare", "validate"),
     "effects": ("trace",),

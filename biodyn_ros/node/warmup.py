@@ -1,4 +1,8 @@
-"""Warm-up: compile the kernels before subscribing; the first compilation takes seconds, a cached one a third."""
+"""Warm-up: compile the kernels before subscribing; the first compilation takes seconds, a cached one a third.
+
+`biodyn compile` does it at installation. Compiled code cannot be shipped: it is for one processor and one numba, and
+its cache checks the dates of the source files.
+"""
 
 from __future__ import annotations
 
