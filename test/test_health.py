@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from streams import RATE_HZ, noisy_streams, subject
 
-from biodyn_core.base.segments import SEAT, SENSORS
+from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT, SENSORS
+from biodyn_core.body.usual_residual import PROVENANCE, UsualResidual
 from biodyn_core.conditioning.conditioner import ConditioningSettings
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.signals.weighting import CURVES
@@ -29,8 +30,8 @@ CHECK_SAMPLES = round(0.5 * RATE_HZ)
 class Node:
     """The pipeline, pushed half a second at a time, with a check after each, as live."""
 
-    def __init__(self, streams) -> None:
-        self.pipeline, self.streams, self.at = Pipeline(subject()), streams, 0
+    def __init__(self, streams, of=None) -> None:
+        self.pipeline, self.streams, self.at = Pipeline(of or subject()), streams, 0
         self.health = {name: SensorHealth(publishers=1) for name in SENSORS}
         self.monitor = HealthMonitor(self.pipeline, self.health)
         self.statuses: dict[str, Status] = {}
@@ -238,3 +239,34 @@ def test_a_sensor_is_silent_after_half_a_second(name: str, level: int) -> None:
     clock[0] = 0.6
     node.check()
     assert node.status(name) == (level, "silent for 0.6 s")
+
+
+def test_a_segment_that_does_not_fit_is_a_warning_and_a_mark_until_it_fits_again() -> None:
+    """The head reads twice its motion from the fifth to the twentieth second."""
+    law = UsualResidual(0.05, 0.05, 0.4, 50).to_dict()
+    fitted = dataclasses.replace(subject(), provenance={PROVENANCE: dict.fromkeys(MEASURED_SEGMENTS, law)})
+    streams = []
+    for one in noisy_streams(50.0, "road"):
+        accel = one.accel_mps2.copy()
+        if one.sensor == "head":
+            here = slice(round(5 * RATE_HZ), round(20 * RATE_HZ))
+            accel[here] += accel[here] - accel.mean(axis=0)
+        streams.append(dataclasses.replace(one, accel_mps2=accel))
+    node = Node(tuple(streams), fitted)
+    seen = []
+    for _ in range(98):
+        node.advance()
+        seen += [(mark.name, mark.at_s) for mark in node.monitor.misfit_marks()]
+        if len(seen) == 1:
+            level, message = node.prediction()
+            assert level == WARN and message.startswith("head: does not fit since ") and "what is usual" in message
+            assert node.statuses["prediction"].values["fits"] == "false"
+    begin_s = 1e-9 * streams[0].stamps_ns[0]
+    (first, at_s), (last, end_s) = seen
+    assert (first, last) == ("head: does not fit", "head: fits again")
+    assert 3.0 <= at_s - begin_s <= 7.0 and 18.0 <= end_s - begin_s <= 35.0
+    assert node.prediction() == (OK, "predicting") and node.statuses["prediction"].values["fits"] == "true"
+    assert [mark.name for mark in node.monitor.marks] == [last, first]
+    unknown = Node(noisy_streams())
+    unknown.advance(4)
+    assert unknown.statuses["prediction"].values["fits"].startswith("unknown: its file has no residual")

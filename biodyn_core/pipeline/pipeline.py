@@ -19,6 +19,7 @@ from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.base.suggestions import known_are
 from biodyn_core.body.model import Chain
 from biodyn_core.body.subject import Subject
+from biodyn_core.body.usual_residual import usual_residuals
 from biodyn_core.conditioning.conditioned import Block, SensorStatus
 from biodyn_core.conditioning.conditioner import Conditioner, Mode, SettingsOf, settings_for
 from biodyn_core.conditioning.gravity import Gravity
@@ -30,6 +31,7 @@ from biodyn_core.exposure.losses import Losses
 from biodyn_core.pipeline.comparison import EarlyBlocks
 from biodyn_core.pipeline.exposure import Exposure, exposure_of
 from biodyn_core.pipeline.exposure_counter import ExposureCounter
+from biodyn_core.pipeline.fit_monitor import FitMonitor
 from biodyn_core.pipeline.frames import (
     NO_FRAMES,
     NO_MEASURED,
@@ -54,7 +56,8 @@ class Pipeline:
     Each sample is conditioned and counted; the seat's are predicted from, the others' compared with the prediction.
 
     gravity: of sensors whose whole record was searched for rest, as is possible offline.
-    conditioners, timelines, counter and predictor (None until the seat's rate is known) are the stages.
+    conditioners, timelines, counter and predictor (None until the seat's rate is known) are the stages. fit_monitor
+    tests the residual; not_monitored: why it does not, empty if it does.
     """
 
     def __init__(
@@ -77,6 +80,8 @@ class Pipeline:
         self.timelines = Timelines(self.conditioners, self.settings.wait_s)
         self.counter = ExposureCounter(self.conditioners, self.timelines, self.settings)
         self.predictor: SeatPredictor | None = None
+        laws, self.not_monitored = usual_residuals(subject.provenance)
+        self.fit_monitor = FitMonitor(laws)
         self._chain = Chain.of(subject)
         self._early = EarlyBlocks(2.0 * self.settings.wait_s)
         self._whole_runs: list[tuple[str, Block]] = []
@@ -92,7 +97,7 @@ class Pipeline:
         if self.mode == "zero_phase":  # a whole run at once would overtake the sensors whose runs still go on
             self._whole_runs += [(sensor, block) for block in blocks]
             return NO_FRAMES
-        return self._process(sensor, blocks)
+        return self._monitored(self._process(sensor, blocks))
 
     def finish(self) -> Frames:
         """End the record: process the remaining samples of the sensors and interpolate every pending instant."""
@@ -101,7 +106,11 @@ class Pipeline:
         frames = [self._process(name, [block]) for name, block in _in_turns(held)]
         if self.predictor:
             frames.append(Frames(NO_PREDICTED, self.predictor.comparison.release(give_up=True)))
-        return joined(frames)
+        return self._monitored(joined(frames))
+
+    def _monitored(self, frames: Frames) -> Frames:
+        self.fit_monitor.push(frames.measured)
+        return frames
 
     def _process(self, sensor: str, blocks: list[Block]) -> Frames:
         if not blocks:

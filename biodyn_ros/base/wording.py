@@ -18,6 +18,10 @@ _GROUPS: Final = {
 
 MODEL: Final = "the model"
 
+DOES_NOT_FIT: Final = "does not fit"
+FITS_AGAIN: Final = "fits again"
+"""Ends of the marks of the live node about a segment, as in `head: does not fit`."""
+
 LIFTS_OFF: Final = "The tension between seat and pelvis exceeds the static weight: a real body would lift off there."
 
 FORCES_NOT_MEASURED: Final = "no force in people was measured to compare them with"
@@ -37,6 +41,11 @@ def stuck(samples: int) -> str:
 def left_range(samples: int) -> str:
     """The warning about samples at which the model left its range."""
     return f"left its range at {counted(samples, 'sample')}: no prediction there, restarted at rest"
+
+
+def misfit_line(segment: str, since: str, ratio: float) -> str:
+    """A segment that the model does not fit, with the residual's rms over the usual one."""
+    return f"{words(segment)}: {DOES_NOT_FIT} {since}, {number(ratio)} times what is usual"
 
 
 def with_interval(value: float | None, lower: float | None, upper: float | None) -> tuple[str, str, str]:

@@ -24,6 +24,7 @@ from biodyn_core.sessions.findings import Findings, Rest
 from biodyn_core.sessions.session import Session
 from biodyn_core.sessions.settings import SessionSettings
 from biodyn_ros.base.progress import OnProgress, ignore_progress
+from biodyn_ros.base.wording import DOES_NOT_FIT, FITS_AGAIN
 from biodyn_ros.events.refusals import check_sessions
 from biodyn_ros.reading.events_file import FoundSession
 from biodyn_ros.reading.gravity import gravity_of
@@ -168,7 +169,11 @@ def _from(one: FoundSession, begin_ns: int, end_ns: int) -> int:
 
 
 def spans_of(marks: Sequence[Mark], seconds: float, bag: str | Path = "") -> list[CaseSpan]:
-    """The loading condition from each mark to the next one; raises InputError without any mark."""
+    """The loading condition from each mark to the next one; raises InputError without any mark.
+
+    Marks that the live node has set itself, about segments that the model does not fit, name none.
+    """
+    marks = [mark for mark in marks if not mark.name.endswith((DOES_NOT_FIT, FITS_AGAIN))]
     if not marks:
         raise InputError(f"{bag}: has no marks: name conditions by the seat, or with a table (--cases FILE)")
     ends_s = [*(mark.time_s for mark in marks[1:]), seconds]

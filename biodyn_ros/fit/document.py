@@ -8,6 +8,7 @@ from typing import Any
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.body.subject import Subject
+from biodyn_core.body.usual_residual import PROVENANCE
 from biodyn_core.identification.fit import Fit, mean_percent
 from biodyn_core.identification.problem import Errors
 from biodyn_core.identification.profiles import Profile
@@ -82,6 +83,11 @@ def provenance(report: Report) -> Document:
         "seat_peak_mps2": max(event.case.seat_peak_mps2 for event in report.fitted),
         "intervals": {estimate.name: [float(estimate.lower), float(estimate.upper)] for estimate in estimates},
         "identifiable": {estimate.name: estimate.identifiability for estimate in estimates},
+        **(
+            {PROVENANCE: {name: law.to_dict() for name, law in usual.items()}}
+            if (usual := report.usual_residual)
+            else {}
+        ),
     }
 
 

@@ -18,6 +18,7 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.effects import needs_channels
 from biodyn_core.identification.fit import prediction_errors
+from biodyn_core.identification.held_out import usual_residual
 from biodyn_core.identification.identify import Identification, fingerprint, identify
 from biodyn_core.identification.profiles import profile
 from biodyn_core.identification.residuals import residual_checks
@@ -93,6 +94,7 @@ def fit_bags(
         dealt=dealt_line(prepared, o.seed) if o.auto_held_out else None,
         warnings=(*events.left_out, *warnings_of([*fitted, *spare]), *reuse_warnings(subject, spare)),
         seconds=time.monotonic() - begin,
+        usual_residual=usual_residual(found.subject, held_out),
     )
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Literal
 
 import numpy as np
 
 from biodyn_core.base.wording import counted
 from biodyn_core.body.subject import MassMatrix, Subject
+from biodyn_core.body.usual_residual import UsualResidual
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.identify import Identification
 from biodyn_core.identification.phase1 import Search
@@ -57,7 +58,7 @@ class Report:
     given: the subject before the fit; events: those fitted to, in the order of the identification's cases, then those
     only predicted. better_mass_matrix: the one that predicts better, None where neither does; mass_matrix_percent: the
     mean error of both. not_profiled: parameters on a bound whose profile was requested. dealt: how held-out events were
-    drawn, None if they were named.
+    drawn, None if they were named. usual_residual: of the result in the events only predicted, by segment.
     """
 
     given: Subject
@@ -73,6 +74,7 @@ class Report:
     warnings: tuple[str, ...]
     seconds: float
     dealt: str | None = None
+    usual_residual: Mapping[str, UsualResidual] = field(default_factory=dict)
 
     @property
     def joint(self) -> Fit:

@@ -20,9 +20,10 @@ from biodyn_core.base.segments import SEAT
 from biodyn_core.base.wording import counted
 from biodyn_core.conditioning.clocks import ClockComparison, ClockDrift
 from biodyn_core.conditioning.conditioned import SensorStatus
+from biodyn_core.pipeline.fit_monitor import Misfit
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.run_status import RunStatus
-from biodyn_ros.base.wording import MODEL, left_range
+from biodyn_ros.base.wording import DOES_NOT_FIT, FITS_AGAIN, MODEL, left_range, misfit_line, words
 from biodyn_ros.node.exposure_store import ExposureStore
 
 SILENT_AFTER_S: Final = 0.5
@@ -197,6 +198,7 @@ class HealthMonitor:
         self._pipeline, self._health = pipeline, health
         self._divergences = CounterDelta()
         self._marks = 0
+        self._unfitted: set[str] = set()
         self.marks: deque[Mark] = deque(maxlen=MARKS_SHOWN)
 
     def mark(self, at_s: float) -> Mark:
@@ -205,6 +207,18 @@ class HealthMonitor:
         mark = Mark(f"mark {self._marks}", at_s)
         self.marks.appendleft(mark)
         return mark
+
+    def misfit_marks(self) -> list[Mark]:
+        """A mark for each segment that the model does not fit any more, or fits again, since the last call."""
+        monitor = self._pipeline.fit_monitor
+        lasting = {one.segment: one.begin_ns for one in monitor.lasting()}
+        ends = {one.segment: one.end_ns for one in monitor.misfits() if one.end_ns is not None}
+        marks = [(name, DOES_NOT_FIT, at_ns) for name, at_ns in lasting.items() if name not in self._unfitted]
+        marks += [(name, FITS_AGAIN, ends[name]) for name in self._unfitted if name not in lasting]
+        self._unfitted = set(lasting)
+        found = [Mark(f"{words(name)}: {what}", 1e-9 * at_ns) for name, what, at_ns in marks]
+        self.marks.extendleft(found)
+        return found
 
     def check(self, compare_clocks: bool = True) -> list[Status]:
         """The status of the prediction, and of every sensor.
@@ -286,10 +300,12 @@ def prediction_status(
         absence = "has sent nothing" if silent is None else f"is silent for {silent:.1f} s"
         stopped = stopped or seat.wrong_type or seat.incompatible_qos or absence
     divergences = growth.by.get("divergences", 0)
+    lasting = pipeline.fit_monitor.lasting()
     checks: list[tuple[bool, int, Callable[[], str]]] = [
         (bool(stopped), ERROR, lambda: f"predictions stopped: seat {stopped}"),
         (seen.waiting is not None, WARN, lambda: f"seat: {seen.waiting}"),
         (divergences > 0, ERROR, lambda: f"{MODEL} {left_range(divergences)}"),
+        (bool(lasting), WARN, lambda: "; ".join(map(_misfit_text, lasting))),
         (is_settling(seen), OK, lambda: "settling behind a gap of the seat"),
     ]
     level, message = next(((level, text()) for wrong, level, text in checks if wrong), (OK, "predicting"))
@@ -301,10 +317,16 @@ def prediction_status(
         "divergences": str(run.divergences),
         "settling": str(is_settling(seen)).lower(),
         "last_mark": mark,
+        "fits": f"unknown: {pipeline.not_monitored}" if pipeline.not_monitored else str(not lasting).lower(),
     }
     for output, latency in run.latency.items():
         values[f"{output}_latency_ms"] = " + ".join(f"{1e3 * part:.3f}" for part in latency)
     return Status("prediction", level, message, values)
+
+
+def _misfit_text(misfit: Misfit) -> str:
+    since = time.strftime("since %H:%M:%S", time.localtime(1e-9 * misfit.begin_ns))
+    return misfit_line(misfit.segment, since, misfit.ratio)
 
 
 def storage_status(store: ExposureStore) -> Status:

@@ -289,6 +289,9 @@ class BiodynNode(LifecycleNode):
         return (one for one in super().subscriptions if one not in drained)
 
     def _publish_diagnostics(self) -> None:
+        for mark in self._health.misfit_marks():
+            self.get_logger().warning(str(mark))
+            self._publications.mark(mark)
         self._statuses = self._health.check(compare_clocks=not self.get_clock().ros_time_is_active)
         if self._store is not None:
             self._statuses.append(storage_status(self._store))

@@ -77,6 +77,7 @@ class SnapshotBuilder:
             "meter": asdict(readings) if (readings := meter_readings(seat, channel)) else None,
             "rows": _rows(rolling, by_name, bounds),
             "prediction": _status(by_name["prediction"]) | {"extrapolated": extrapolated},
+            "fit": _fit(pipeline),
             "exposure": _status(by_name["exposure"]) if "exposure" in by_name else None,
             "dri": dri_document(since.dri, seat_losses.lower_bound),
             "shocks": [_shock(shock, bounds) for shock in self._shocks.latest()],
@@ -95,6 +96,18 @@ def _seat_fault(statuses: dict[str, Status]) -> str:
 
 def _status(status: Status) -> dict[str, Any]:
     return {"level": status.level, "message": status.message}
+
+
+def _fit(pipeline: Pipeline) -> dict[str, Any]:
+    """Whether the model fits, unknown (None) without a usual residual; what does not fit now, and why it is unknown."""
+    lasting = pipeline.fit_monitor.lasting()
+    return {
+        "fits": None if pipeline.not_monitored else not lasting,
+        "misfits": [
+            {"name": words(one.segment), "since_s": 1e-9 * one.begin_ns, "ratio": one.ratio} for one in lasting
+        ],
+        "unknown": pipeline.not_monitored,
+    }
 
 
 def _seat(seat: SeatExposure, limits: LimitSet, losses: Losses, fault: str) -> dict[str, Any]:

@@ -171,6 +171,7 @@ function segment(of, most) {
 function facts(of) {
   const dri = of.dri;
   $("dri").textContent = dri ? `${dri.lower_bound ? "≥ " : ""}${number(dri.compression)}` : "–";
+  fit(of.fit);
   const sensors = of.rows.filter((row) => row.sensor);
   $("rates").textContent = span(sensors.map((row) => row.sensor.rate_hz), "Hz");
   const late = sensors.reduce((a, b) => ((b.sensor.lag_ms ?? 0) > (a.sensor.lag_ms ?? 0) ? b : a));
@@ -181,6 +182,12 @@ function facts(of) {
   const row = chosen();
   const percent = row && row.residual_percent !== null ? `, ${number(row.residual_percent)} %` : "";
   $("residual").textContent = row ? `residual ${number(row.residual_mps2)} m/s² rms${percent}` : "";
+}
+
+function fit(of) {
+  $("fits").textContent = of.fits === null ? "?" : of.fits ? "✓ fits" : "✕ does not fit";
+  const found = of.misfits.map((one) => `${one.name} since ${clock(one.since_s)}, ${number(one.ratio)} times what is usual`);
+  $("misfits").textContent = of.fits === null ? of.unknown : found.join("; ") || "as in events that it was not fitted to";
 }
 
 function span(values, unit) {

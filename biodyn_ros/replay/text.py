@@ -6,9 +6,19 @@ from biodyn_core.exposure.injury import Hic
 from biodyn_core.exposure.joint_forces import JOINT_NAMES
 from biodyn_core.exposure.limit_assessment import SeatExposure
 from biodyn_core.exposure.limits import LimitSet
-from biodyn_ros.base.wording import FORCES_NOT_MEASURED, LIFTS_OFF, bound, duration, number, sentence, span, table
+from biodyn_ros.base.wording import (
+    FORCES_NOT_MEASURED,
+    LIFTS_OFF,
+    bound,
+    duration,
+    misfit_line,
+    number,
+    sentence,
+    span,
+    table,
+)
 from biodyn_ros.reading.provenance import MADE_BY_MODEL
-from biodyn_ros.reports.exposure_report import ChannelExposure, ExposureReport
+from biodyn_ros.reports.exposure_report import ChannelExposure, ExposureReport, MisfitTime
 from biodyn_ros.reports.verdict import HORIZONTAL, KINDS, ZONE, shocks, time_left
 
 
@@ -28,6 +38,7 @@ def summary(report: ExposureReport) -> str:
         *(_row(name, report) for name in dict.fromkeys([*report.sensors, *report.predicted])),
         "",
         *_joint_lines(report),
+        *_misfit_lines(report),
         "aw and VDV: Wk, vertical, before the low-pass. Predictions are a model's: not validated.",
         *(f"note: {text}" for text in (*report.warnings, *([MADE_BY_MODEL] if report.is_made_by_model else []))),
     ]
@@ -112,6 +123,24 @@ def _joint_lines(report: ExposureReport) -> list[str]:
         *([LIFTS_OFF] if report.lifts_off else []),
         "",
     ]
+
+
+def _misfit_lines(report: ExposureReport) -> list[str]:
+    """The times in which the model does not fit, and how to trace them."""
+    if report.not_monitored:
+        return [f"Does the model fit? Unknown: {report.not_monitored}."]
+    if not report.misfits:
+        return ["The model fits as it did in its held-out events."]
+    lines = [misfit_line(one.segment, _span_of(one), one.ratio) for one in report.misfits]
+    if "@" not in report.bag:
+        first = report.misfits[0]
+        end = "" if first.end_s is None else f"{first.end_s:.0f}"
+        lines.append(f"to search for the cause: biodyn trace {report.bag}@{first.begin_s:.0f}..{end} ...")
+    return lines
+
+
+def _span_of(one: MisfitTime) -> str:
+    return f"from {one.begin_s:.0f} s" + ("" if one.end_s is None else f" to {one.end_s:.0f} s")
 
 
 def _window(hic: Hic) -> str:

@@ -48,6 +48,8 @@ def exposure_document(report: ExposureReport) -> Document:
         "joint_forces": {name: _joint(name, found) | status for name, found in report.joint_forces.items()},
         "body_mass_kg": report.body_mass_kg,
         "lifts_off": report.lifts_off,
+        "misfits": [one._asdict() for one in report.misfits],
+        "not_monitored": report.not_monitored or None,
         "latency": {output: latency._asdict() for output, latency in report.run.latency.items()},
         "warnings": list(report.warnings),
         "version": __version__,

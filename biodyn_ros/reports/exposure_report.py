@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
@@ -49,13 +49,26 @@ class Residual(NamedTuple):
     nrmse_rms_percent: float | None
 
 
+class MisfitTime(NamedTuple):
+    """A time in which the model does not fit a segment, seconds after the seat's first sample; None while it lasts.
+
+    ratio: rms of the residual over the usual one of the subject.
+    """
+
+    segment: str
+    begin_s: float
+    end_s: float | None
+    ratio: float
+
+
 @dataclass(frozen=True, eq=False)
 class ExposureReport:
     """Results of one recording of run.seconds; channels without a counted sample are absent.
 
     sensors: Wk-weighted, before the low-pass. predicted and measured_low_passed: comparable with each other.
     also_weighted: by weighting and sensor. seat: None before it has counted. joint_forces: predicted, by the segment
-    above the joint. warnings to is_made_by_model: of the bag; times: the stamps used, by sensor.
+    above the joint. not_monitored: why misfits are not searched for, empty if they are. warnings to is_made_by_model:
+    of the bag; times: the stamps used, by sensor.
     """
 
     bag: str
@@ -78,6 +91,8 @@ class ExposureReport:
     residual: Mapping[str, Residual]
     joint_forces: Mapping[str, JointExposure]
     body_mass_kg: float
+    misfits: Sequence[MisfitTime] = ()
+    not_monitored: str = ""
     warnings: Sequence[str] = ()
     times: Mapping[str, str] = field(default_factory=dict)
     marks: Sequence[Mark] = ()
@@ -136,6 +151,8 @@ def exposure_report(pipeline: Pipeline, bag: str = "", project: bool = False) ->
         },
         joint_forces=_joints(since.joint_forces, pipeline.subject, unpredicted),
         body_mass_kg=pipeline.subject.body_mass_kg,
+        misfits=list(_misfits(pipeline)),
+        not_monitored=pipeline.not_monitored,
     )
 
 
@@ -165,6 +182,13 @@ def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
 
 def _channels(doses: Mapping[str, Dose], lost: Mapping[str, Losses]) -> dict[str, ChannelExposure]:
     return {name: ChannelExposure(dose, lost[name]) for name, dose in doses.items()}
+
+
+def _misfits(pipeline: Pipeline) -> Iterator[MisfitTime]:
+    first_ns = pipeline.conditioners[SEAT].first_ns or 0
+    for one in pipeline.fit_monitor.misfits():
+        end_s = None if one.end_ns is None else 1e-9 * (one.end_ns - first_ns)
+        yield MisfitTime(one.segment, max(0.0, 1e-9 * (one.begin_ns - first_ns)), end_s, one.ratio)
 
 
 def _joints(forces: Mapping[str, JointForce], subject: Subject, lost: Losses) -> dict[str, JointExposure]:

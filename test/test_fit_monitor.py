@@ -1,0 +1,178 @@
+"""The test of the residual: it is silent where the law holds, and names the segment and the time where it does not."""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from paper import shipped
+from streams import in_turn, noisy_streams, run
+
+from biodyn_core.base.segments import MEASURED_SEGMENTS, SENSORS
+from biodyn_core.body.usual_residual import LEAST_WINDOWS, PROVENANCE, UsualResidual, usual_residuals
+from biodyn_core.pipeline.fit_monitor import FitMonitor, ResidualWindows
+from biodyn_core.pipeline.frames import MeasuredFrames
+from biodyn_core.pipeline.pipeline import Pipeline
+
+RATE_HZ = 100
+LAW = UsualResidual(0.03, 0.1, 0.4, 100)
+LAWS = dict.fromkeys(MEASURED_SEGMENTS, LAW)
+EPOCH_NS = 1_700_000_000 * 10**9
+
+
+def frames(seconds: int, seed: int = 0, changed: dict[str, Any] | None = None) -> MeasuredFrames:
+    """A drive whose level changes from minute to minute, rest included, with a residual by the law.
+
+    changed: by segment, the factor of the residual over seconds (s,).
+    """
+    rng = np.random.default_rng(seed)
+    count = seconds * RATE_HZ
+    minutes = rng.choice([0.0, 0.3, 1.0, 3.0], seconds // 60 + 1)
+    level = np.repeat(minutes, 60 * RATE_HZ)[:count, None]
+    motion = level * rng.standard_normal((count, 5))
+    # The scatter of windows in time, as of events of other kinds.
+    scatter = np.exp(0.2 * np.repeat(rng.standard_normal((seconds, 5)), RATE_HZ, axis=0))
+    residual = scatter * np.hypot(LAW.noise_mps2, LAW.share * level) * rng.standard_normal((count, 5))
+    for name, factor in (changed or {}).items():
+        residual[:, MEASURED_SEGMENTS.index(name)] *= np.repeat(factor, RATE_HZ)
+    accel = np.concatenate([motion[:, :1], motion - residual], axis=1)
+    stamps_ns = EPOCH_NS + np.rint(np.arange(count) * 1e9 / RATE_HZ).astype(np.int64)
+    return MeasuredFrames(stamps_ns, accel, residual)
+
+
+def monitored(given: MeasuredFrames, laws: dict[str, UsualResidual] | None = None) -> FitMonitor:
+    monitor = FitMonitor(LAWS if laws is None else laws)
+    monitor.push(given)
+    return monitor
+
+
+def step(seconds: int, begin: int, end: int, factor: float) -> np.ndarray:
+    return np.where((np.arange(seconds) >= begin) & (np.arange(seconds) < end), factor, 1.0)
+
+
+def test_a_drive_of_the_law_is_silent_for_eight_hours() -> None:
+    assert monitored(frames(8 * 3600)).misfits() == []
+
+
+@pytest.mark.parametrize(("factor", "within_s"), [(4.0, 5), (2.0, 15)])
+def test_a_larger_residual_is_named_with_its_segment_time_and_ratio(factor: float, within_s: int) -> None:
+    begin, end, seconds = 300, 400, 600
+    factors = step(seconds, begin, end, factor)
+    given = frames(seconds, 3, {"neck": factors})
+    (found,) = monitored(given).misfits()
+    assert found.segment == "neck"
+    assert -2 <= (found.begin_ns - EPOCH_NS) / 1e9 - begin <= within_s
+    assert found.end_ns is not None and 0 <= (found.end_ns - EPOCH_NS) / 1e9 - end <= 90
+    assert found.ratio > 0.6 * factor
+    after = (begin + within_s) * RATE_HZ
+    early = MeasuredFrames(*(column[:after] for column in given))
+    assert [one.end_ns for one in monitored(early).misfits()] == [None]
+
+
+def test_a_single_shock_is_no_misfit() -> None:
+    factors = np.ones(600)
+    factors[300:302] = 1000.0
+    assert monitored(frames(600, 4, {"head": factors})).misfits() == []
+
+
+def test_rest_does_not_end_a_misfit() -> None:
+    rng = np.random.default_rng(1)
+    given = frames(240, 5)
+    still = np.arange(240 * RATE_HZ) >= 120 * RATE_HZ
+    residual = np.where(still[:, None], LAW.noise_mps2 * rng.standard_normal((240 * RATE_HZ, 5)), 3.0)
+    accel = np.where(still[:, None], 0.0, given.accel_mps2)
+    (found,) = monitored(given._replace(accel_mps2=accel, residual_mps2=residual), {"head": LAW}).misfits()
+    assert found.end_ns is None
+
+
+@settings(max_examples=15)
+@given(st.lists(st.integers(0, 60 * RATE_HZ), max_size=12).map(sorted))
+def test_block_cuts_change_nothing(cuts: list[int]) -> None:
+    given_frames = frames(60, 2, {"head": step(60, 20, 60, 5.0)})
+    monitor = FitMonitor(LAWS)
+    edges = [0, *cuts, 60 * RATE_HZ]
+    for begin, end in pairwise(edges):
+        monitor.push(MeasuredFrames(*(column[begin:end] for column in given_frames)))
+    assert monitor.misfits() == monitored(given_frames).misfits() != []
+
+
+def test_windows_are_means_of_what_was_compared() -> None:
+    given = frames(5, 1)
+    given.residual_mps2[150:180, 0] = np.nan  # 30 of 100 samples of one window
+    given.residual_mps2[250:255, 1] = np.nan
+    found = list(ResidualWindows().push(given))
+    assert [(one.begin_ns - EPOCH_NS) // 10**9 for one in found] == [0, 1, 2, 3]  # the last one is not complete
+    assert np.isnan(found[1].residual_square[0]) and not np.isnan(found[2].residual_square).any()
+    part = slice(300, 400)
+    np.testing.assert_allclose(found[3].residual_square, np.mean(given.residual_mps2[part] ** 2, axis=0))
+    predicted = given.residual_mps2[part] + given.accel_mps2[part, 1:]
+    np.testing.assert_allclose(found[3].predicted_square, np.mean(predicted**2, axis=0))
+
+
+def test_a_window_with_a_gap_is_left_out() -> None:
+    given = frames(4, 1)
+    kept = (np.arange(400) < 120) | (np.arange(400) > 180)
+    found = list(ResidualWindows().push(MeasuredFrames(*(column[kept] for column in given))))
+    assert [(one.begin_ns - EPOCH_NS) // 10**9 for one in found] == [0, 2]
+
+
+# --- the law ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_law_is_recovered_from_windows() -> None:
+    windows = list(ResidualWindows().push(frames(1200, 7)))
+    residual, predicted = (np.array([one[k][0] for one in windows]) for k in (1, 2))
+    law = UsualResidual.of_windows(residual, predicted)
+    assert law is not None and law.windows == len(windows)
+    assert law.noise_mps2 == pytest.approx(LAW.noise_mps2, rel=0.1)
+    assert law.share == pytest.approx(LAW.share, rel=0.1)
+    assert 0.35 <= law.log_spread < 0.6
+    assert UsualResidual.of_windows(residual[: LEAST_WINDOWS - 1], predicted[: LEAST_WINDOWS - 1]) is None
+
+
+def test_windows_at_rest_alone_give_a_law_of_noise() -> None:
+    law = UsualResidual.of_windows(np.full(30, 1e-4), np.zeros(30))
+    assert law is not None and law.noise_mps2 == pytest.approx(0.01, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("given_law", "why"),
+    [
+        (None, "its file has no residual of held-out events"),
+        ({}, "its file has no residual of held-out events"),
+        ([], "is not by segment"),
+        ({"knee": LAW.to_dict()}, "is not by segment"),
+        ({"head": LAW.to_dict() | {"share": -1.0}}, "usual_residual.head in its file needs"),
+        ({"head": LAW.to_dict() | {"share": float("nan")}}, "usual_residual.head in its file needs"),
+        ({"head": {"share": 0.1}}, "usual_residual.head in its file needs"),
+        ({"head": LAW.to_dict() | {"windows": True}}, "usual_residual.head in its file needs"),
+    ],
+)
+def test_a_file_without_a_valid_law_says_so_and_predictions_go_on(given_law: Any, why: str) -> None:
+    provenance = {} if given_law is None else {PROVENANCE: given_law}
+    assert why in usual_residuals(provenance)[1]
+    pipeline = Pipeline(dataclasses.replace(shipped("subject_1"), provenance=provenance))
+    assert why in pipeline.not_monitored
+    result = run(noisy_streams(), in_turn(noisy_streams())[:6], pipeline=pipeline)
+    assert pipeline.fit_monitor.misfits() == [] and np.isfinite(result.predicted).all()
+
+
+def test_the_pipeline_names_a_sensor_that_reads_too_much() -> None:
+    """A head that reads 1.5 times its motion, from the first sample on."""
+    law = UsualResidual(0.05, 0.05, 0.4, 50)
+    subject = dataclasses.replace(shipped("subject_1"), provenance={PROVENANCE: {n: law.to_dict() for n in LAWS}})
+    for factor, expected in ((1.0, []), (1.5, ["head"])):
+        streams = [
+            dataclasses.replace(s, accel_mps2=s.accel_mps2.mean(0) + factor * (s.accel_mps2 - s.accel_mps2.mean(0)))
+            if s.sensor == SENSORS[-1]
+            else s
+            for s in noisy_streams(seconds=20.0)
+        ]
+        pipeline = Pipeline(subject)
+        run(tuple(streams), in_turn(tuple(streams)), pipeline=pipeline)
+        assert [one.segment for one in pipeline.fit_monitor.misfits()] == expected
