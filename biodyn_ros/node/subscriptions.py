@@ -76,7 +76,9 @@ class Subscriptions:
         """Subscribe to the six topics."""
         # The seat first: its samples while other topics are matched must not be lost.
         for sensor in SENSORS:
-            self._subscriptions[sensor] = self._subscribe(sensor, guarded(self._on_seat, partial(self._refuse, SEAT)))
+            # An executor that serves all subscriptions loses time, and nothing else.
+            callback = self._on_seat if sensor == SEAT else partial(self._on_message, sensor)
+            self._subscriptions[sensor] = self._subscribe(sensor, guarded(callback, partial(self._refuse, sensor)))
 
     def close(self) -> None:
         """Unsubscribe."""
@@ -149,6 +151,9 @@ class Subscriptions:
         if len(block):
             self._push(SEAT, block.stamps_ns, block.accel_mps2)
             self._note_seat(int(block.stamps_ns[-1]))
+
+    def _on_message(self, sensor: str, message: bytes) -> None:
+        self._on_messages(sensor, [message])
 
     def _on_messages(self, sensor: str, messages: list[bytes]) -> None:
         block = self._decoded(sensor, messages)
