@@ -172,7 +172,8 @@ def test_the_live_command_ends_with_zero_on_sigterm_and_two_on_bad_input() -> No
         with child(graph, "live") as live:
             graph.wait(lambda: tester.count_subscribers(topics.INPUT[SEAT]) == 1, "the node listens", STARTUP_S)
             live.send_signal(signal.SIGTERM)
-            assert live.wait(20) == 0
+            said = live.communicate(timeout=20)
+            assert live.returncode == 0 and not any("warn" in text.lower() for text in said if text), said
         for given, wanted in (
             (("-p", "cutof_hz:=50.0"), "parameter cutof_hz is unknown; did you mean cutoff_hz?"),
             (("-p", "subject_file:=nobody"), "no subject file nobody"),

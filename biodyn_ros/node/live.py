@@ -186,24 +186,34 @@ class BiodynNode(LifecycleNode):
     def _activate(self) -> None:
         self._sensors.open()
         self._publications.update_subscribers()
-        steady, block_ms = Clock(clock_type=ClockType.STEADY_TIME), self.settings.block_ms
-        self._node_timers = [
-            self.create_timer(1.0 / rate_hz, guarded(callback, self._log_timer_error), clock=steady)
-            for rate_hz, callback in (
+        block_ms = self.settings.block_ms
+        self._node_timers = self._steady_timers(
+            [
                 (1e3 / block_ms if block_ms else REFRESH_RATE_HZ, self._take_block),
                 (DRAIN_RATE_HZ, self._sensors.drain),
                 (REFRESH_RATE_HZ, self._update_subscribers),
+            ]
+        ) + self._steady_timers(
+            [
                 (self.settings.exposure_rate_hz, lambda: self._publications.exposure(self.pipeline)),
                 (DIAGNOSTICS_RATE_HZ, self._publish_diagnostics),
                 (SNAPSHOT_RATE_HZ, self._publish_snapshot),
                 (TRANSPORT_RATE_HZ, self._sensors.check_transport),
                 (STORE_RATE_HZ, self._store_exposure),
-            )
-        ]
+            ]
+        )
         if self.settings.dashboard:
             self._page = PageChild(self.get_fully_qualified_name(), self.context.get_domain_id(), self._serving)
             self.get_logger().info(f"the page: {self._page.link}")
         self.get_logger().info(f"predicting for {self.pipeline.subject.name}, listening to {len(SENSORS)} sensors")
+
+    def _steady_timers(self, rates: list[tuple[float, Callable[[], None]]]) -> list[Any]:
+        """Timers on a steady clock of their own: rcl warns of more than seven on one clock."""
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        return [
+            self.create_timer(1.0 / rate_hz, guarded(callback, self._log_timer_error), clock=steady)
+            for rate_hz, callback in rates
+        ]
 
     def _deactivate(self) -> None:
         self._end_page()
