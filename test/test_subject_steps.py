@@ -125,11 +125,15 @@ def test_an_interrupted_run_continues(tmp_path: Path, monkeypatch: pytest.Monkey
         raise KeyboardInterrupt
 
     monkeypatch.setattr("biodyn_ros.subject.making.fit_bags", interrupted)
+    session = dataclasses.replace(OPTIONS.session, allowed=("one-condition",))
+    options = dataclasses.replace(OPTIONS, session=session)
+    with pytest.raises(InputError, match="--allow one-condition"):
+        make(bag, tmp_path / "refused")
     with pytest.raises(KeyboardInterrupt):
-        make(bag, tmp_path)
+        make(bag, tmp_path, options=options)
     assert [step["name"] for step in json.loads((tmp_path / "subject.json").read_text())["steps"]] == ["events"]
     monkeypatch.undo()
-    found, lines = make(bag, tmp_path)
+    found, lines = make(bag, tmp_path, options=options)
     assert lines[0] == "events: done, used again" and lines[1].startswith("fit: done")
     (event,) = found.steps["validate"].facts["events"]
     assert found.used is not None and event["name"] == found.used.report[0].name and event["mean_percent"] > 0.0
