@@ -31,7 +31,7 @@ LATE_MS = 3.0
 SHARES = {
     "block": ("one block topic", NODE, 0.6),
     "single": ("six single topics", NODE, 1.15),
-    "none": ("nobody listens", NODE, 0.5),
+    "none": ("no subscriber", NODE, 0.5),
     "blocks": ("blocks of measurements too", WITH_MEASURED, 0.8),
 }
 """By kind of subscriber: words, node, and the largest CPU over that of the baseline."""

@@ -68,7 +68,7 @@ def resident_mb(pid: int) -> float:
 class Answered:
     """Expected and lost responses in a window, losses counted by the node since its start, latency and sending delay.
 
-    Latencies are without the filter's delay; NaN if nobody subscribes to predictions.
+    Latencies are without the filter's delay; NaN without a subscriber to predictions.
     """
 
     owed: int

@@ -370,6 +370,11 @@ def test_marks_name_conditions_up_to_the_next_mark() -> None:
     ]
 
 
+def test_marks_of_the_node_about_the_fit_name_no_condition() -> None:
+    marks = [Mark("gravel", 1.0), Mark("head: does not fit", 2.0), Mark("head: fits again", 3.0), Mark("end", 9.0)]
+    assert [(span.begin_s, span.end_s, span.case) for span in spans_of(marks, 20.0)] == [(1.0, 9.0, "gravel")]
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

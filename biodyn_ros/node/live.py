@@ -57,7 +57,7 @@ SHORTEST_BLOCK_MS: Final = 1.0
 REFRESH_RATE_HZ: Final = 20.0
 """How often topics are checked for subscribers.
 
-While no samples are subscribed to, blocks have this rate: nobody waits for them, and longer blocks cost less.
+Without a subscriber to samples, blocks have this rate, because longer blocks cost less.
 """
 
 DIAGNOSTICS_RATE_HZ: Final = 2.0
