@@ -209,16 +209,17 @@ class HealthMonitor:
         return mark
 
     def misfit_marks(self) -> list[Mark]:
-        """A mark for each segment that the model does not fit any more, or fits again, since the last call."""
+        """A mark for each segment that the model does not fit any more, or fits again, since the last call.
+
+        They are not among `marks`, which are the user's.
+        """
         monitor = self._pipeline.fit_monitor
         lasting = {one.segment: one.begin_ns for one in monitor.lasting()}
         ends = {one.segment: one.end_ns for one in monitor.misfits() if one.end_ns is not None}
         marks = [(name, DOES_NOT_FIT, at_ns) for name, at_ns in lasting.items() if name not in self._unfitted]
         marks += [(name, FITS_AGAIN, ends[name]) for name in self._unfitted if name not in lasting]
         self._unfitted = set(lasting)
-        found = [Mark(f"{words(name)}: {what}", 1e-9 * at_ns) for name, what, at_ns in marks]
-        self.marks.extendleft(found)
-        return found
+        return [Mark(f"{words(name)}: {what}", 1e-9 * at_ns) for name, what, at_ns in marks]
 
     def check(self, compare_clocks: bool = True) -> list[Status]:
         """The status of the prediction, and of every sensor.

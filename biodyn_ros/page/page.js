@@ -186,8 +186,10 @@ function facts(of) {
 
 function fit(of) {
   $("fits").textContent = of.fits === null ? "?" : of.fits ? "✓ fits" : "✕ does not fit";
-  const found = of.misfits.map((one) => `${one.name} since ${clock(one.since_s)}, ${number(one.ratio)} times what is usual`);
-  $("misfits").textContent = of.fits === null ? of.unknown : found.join("; ") || "as in events that it was not fitted to";
+  const found = of.misfits.map((one) => `${one.name} ${number(one.ratio)}`).join(", ");
+  const since = clock(Math.min(...of.misfits.map((one) => one.since_s)));
+  const text = found ? `${found} times what is usual, since ${since}` : "as in events that it was not fitted to";
+  $("misfits").textContent = of.fits === null ? of.unknown : text;
 }
 
 function span(values, unit) {
