@@ -7,15 +7,27 @@ samples. All of them take turns. CPU is that of the node's process, without star
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import statistics
 import sys
+import tempfile
 from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
 
 from bench.processes import NODE, Answered, Window, streamed
 from bench.table import Row, render
+from biodyn_core.base.segments import MEASURED_SEGMENTS
+from biodyn_core.body import parameter_spread, usual_residual
+from biodyn_core.body.parameter_spread import NAMES, ParameterSpread
+from biodyn_core.body.subject import load_subject
 from biodyn_core.body.synthesis_settings import NATIVE_RATE_HZ
+from biodyn_core.body.usual_residual import UsualResidual
+from biodyn_core.signals.octaves import N_BANDS
 from biodyn_ros.base.environment import prepare
+from biodyn_ros.base.resources import subject_file
 
 ROUNDS = 4
 MEASURE_S = 8.0
@@ -36,6 +48,8 @@ SHARES = {
 }
 """By kind of subscriber: words, node, and the largest CPU over that of the baseline."""
 
+FITTED = "fitted"
+
 FAST = (("single", 2.0), ("single", 3.0), ("block", 2.0), ("block", 3.0), ("block", 4.0))
 """Kinds of subscribers and multiples of the native rate at which nothing may be lost."""
 
@@ -43,15 +57,24 @@ FAST = (("single", 2.0), ("single", 3.0), ("block", 2.0), ("block", 3.0), ("bloc
 def rows() -> list[Row]:
     """Measure; about five minutes."""
     domain = prepare(os.environ)  # None if the environment wrapper has reserved one
-    try:
-        turns = [(_run(BARE, "single"), {kind: _run(SHARES[kind][1], kind) for kind in SHARES}) for _ in range(ROUNDS)]
-        fast = [(kind, rate, _run(NODE, kind, rate)) for kind, rate in FAST]
-    finally:
-        if domain:
-            domain.release()
+    with tempfile.TemporaryDirectory(prefix="biodyn-") as folder:
+        try:
+            sure = fitted_node(Path(folder))
+            turns = [
+                (
+                    _run(BARE, "single"),
+                    {kind: _run(SHARES[kind][1], kind) for kind in SHARES} | {FITTED: _run(sure, "block")},
+                )
+                for _ in range(ROUNDS)
+            ]
+            fast = [(kind, rate, _run(NODE, kind, rate)) for kind, rate in FAST]
+        finally:
+            if domain:
+                domain.release()
     bare = _middle([one for one, _ in turns])
-    ours = {kind: _middle([each[kind] for _, each in turns]) for kind in SHARES}
+    ours = {kind: _middle([each[kind] for _, each in turns]) for kind in (*SHARES, FITTED)}
     found = [row for kind in SHARES for row in _rows_of(kind, ours[kind], bare)]
+    found.append(_fitted_row(ours[FITTED], ours["block"]))
     return [*found, *_memory_rows(ours["block"]), *(_fast_row(kind, rate, window) for kind, rate, window in fast)]
 
 
@@ -71,6 +94,25 @@ def _rows_of(kind: str, ours: Window, bare: Window) -> list[Row]:
             ),
         ]  # fmt: skip
     return rows
+
+
+def _fitted_row(ours: Window, plain: Window) -> Row:
+    """The price of intervals and of the test of the residual."""
+    name = "live, one block topic, a subject with intervals: CPU of one core"
+    return Row(name, ours.cpu_percent, "%", plain.cpu_percent, "the same without intervals", "-", None)
+
+
+def fitted_node(folder: Path) -> tuple[str, ...]:
+    """The node with a subject that has a covariance and a usual residual."""
+    subject = load_subject(subject_file("subject_1"))
+    law = UsualResidual((0.02,) * N_BANDS, (0.1,) * N_BANDS, 0.5, 100)
+    provenance = {
+        parameter_spread.PROVENANCE: ParameterSpread(NAMES[:-1], 1e-3 * np.eye(len(NAMES) - 1)).to_dict(),
+        usual_residual.PROVENANCE: {name: law.to_dict() for name in MEASURED_SEGMENTS},
+    }
+    path = folder / "fitted.yaml"
+    path.write_text(dataclasses.replace(subject, provenance=provenance).to_yaml(), encoding="utf-8")
+    return (*NODE, "-p", f"subject_file:={path}")
 
 
 def _memory_rows(ours: Window) -> list[Row]:

@@ -1,4 +1,4 @@
-"""`python -m blind [recovery | sessions ... | tracing ... | laws ... | train ...]`: a study.
+"""`python -m blind [recovery | sessions ... | predictions ... | tracing ... | laws ... | train ...]`: a study.
 
 Without a name recovery and tracing run. The exit code is 1 for a missed mark.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
+from blind.predictions import __main__ as predictions
 from blind.recovery import __main__ as recovery
 from blind.sessions import __main__ as sessions
 from blind.tracing import __main__ as tracing
@@ -26,13 +27,15 @@ def main(arguments: Sequence[str]) -> int:
         return tracing.main(rest)
     if name == "sessions":
         return sessions.main(rest)
+    if name == "predictions":
+        return predictions.main(rest)
     if name == "laws":
         return laws.main(rest)
     if name == "train":
         return training.main(rest)
     print(
-        f"blind: {' '.join(arguments)!r} is no study; known are recovery, and with options sessions, tracing, laws,"
-        " train",
+        f"blind: {' '.join(arguments)!r} is no study; known are recovery, and with options sessions, predictions,"
+        " tracing, laws, train",
         file=sys.stderr,
     )
     return 2

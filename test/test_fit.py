@@ -11,14 +11,18 @@ import yaml
 from listed import assert_listed
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from provenances import with_spread
 from streams import simulated, subject
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENTS
+from biodyn_core.body.parameter_spread import parameter_spread
 from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER
 from biodyn_core.body.subject import Subject, load_subject
+from biodyn_core.body.usual_residual import usual_residuals
 from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.settings import FitSettings
+from biodyn_core.pipeline.intervals import prediction_spread
 from biodyn_ros.commands.cli import main
 from biodyn_ros.fit.document import fit_document, fitted_subject, provenance
 from biodyn_ros.fit.fitting import FitOptions, check_output, fit_bags, parse_cases, write_fitted
@@ -109,6 +113,22 @@ def test_the_subject_file_has_the_provenance_of_its_bags(fitted: Report, bags: d
     kept = yaml.safe_load((tmp_path / "anna.yaml").read_text())["provenance"]
     assert kept["intervals"]["natural_frequency_hz[head]"][0] < written.parameters.natural_frequency_hz[5]
     assert kept["seed"] == 0 and kept["result"] == "joint" and len(kept["held_out"]) == 2
+
+
+def test_the_subject_file_has_what_intervals_need(fitted: Report, tmp_path: Path) -> None:
+    """The covariance is that of the fit; the held-out events are too short for a usual residual, and that is said."""
+    write_fitted(fitted, tmp_path / "anna.yaml")
+    spread, why = parameter_spread(load_subject(tmp_path / "anna.yaml").provenance)
+    assert why == "" and spread is not None and spread.names == fitted.uncertainty.names
+    np.testing.assert_allclose(spread.covariance, fitted.uncertainty.covariance)
+    assert "no residual of held-out events" in prediction_spread(load_subject(tmp_path / "anna.yaml"))[1]
+    laws, _ = usual_residuals(with_spread(SUBJECT).provenance)
+    longer = dataclasses.replace(fitted, usual_residual=laws)
+    assert prediction_spread(fitted_subject(longer))[1] == ""
+    found = fitted.identification
+    other = dataclasses.replace(found, settings=dataclasses.replace(found.settings, result="idealized"))
+    idealized = dataclasses.replace(longer, identification=other)
+    assert idealized.result == "idealized" and "no covariance" in prediction_spread(fitted_subject(idealized))[1]
 
 
 def test_recordings_of_a_given_effect_count_as_fitted(fitted: Report, bags: dict[str, Path]) -> None:

@@ -15,12 +15,16 @@ from streams import in_turn, noisy_streams, run
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SENSORS
 from biodyn_core.body.usual_residual import LEAST_WINDOWS, PROVENANCE, UsualResidual, usual_residuals
-from biodyn_core.pipeline.fit_monitor import FitMonitor, ResidualWindows
+from biodyn_core.pipeline.fit_monitor import FitMonitor, squares_of
 from biodyn_core.pipeline.frames import MeasuredFrames
 from biodyn_core.pipeline.pipeline import Pipeline
+from biodyn_core.pipeline.windows import SecondWindows
+from biodyn_core.signals.octaves import BAND_NAMES, EDGES_HZ, N_BANDS, octave_squares
 
 RATE_HZ = 100
-LAW = UsualResidual(0.03, 0.1, 0.4, 100)
+NOISE_MPS2, SHARE = 0.03, 0.1
+WIDTHS_HZ = np.diff([0.0, *EDGES_HZ, RATE_HZ / 2.0])
+LAW = UsualResidual(tuple(NOISE_MPS2 * np.sqrt(WIDTHS_HZ / WIDTHS_HZ.sum())), (SHARE,) * N_BANDS, 0.4, 100)
 LAWS = dict.fromkeys(MEASURED_SEGMENTS, LAW)
 EPOCH_NS = 1_700_000_000 * 10**9
 
@@ -37,7 +41,7 @@ def frames(seconds: int, seed: int = 0, changed: dict[str, Any] | None = None) -
     motion = level * rng.standard_normal((count, 5))
     # The scatter of windows in time, as of events of other kinds.
     scatter = np.exp(0.2 * np.repeat(rng.standard_normal((seconds, 5)), RATE_HZ, axis=0))
-    residual = scatter * np.hypot(LAW.noise_mps2, LAW.share * level) * rng.standard_normal((count, 5))
+    residual = scatter * np.hypot(NOISE_MPS2, SHARE * level) * rng.standard_normal((count, 5))
     for name, factor in (changed or {}).items():
         residual[:, MEASURED_SEGMENTS.index(name)] *= np.repeat(factor, RATE_HZ)
     accel = np.concatenate([motion[:, :1], motion - residual], axis=1)
@@ -84,7 +88,7 @@ def test_rest_does_not_end_a_misfit() -> None:
     rng = np.random.default_rng(1)
     given = frames(240, 5)
     still = np.arange(240 * RATE_HZ) >= 120 * RATE_HZ
-    residual = np.where(still[:, None], LAW.noise_mps2 * rng.standard_normal((240 * RATE_HZ, 5)), 3.0)
+    residual = np.where(still[:, None], NOISE_MPS2 * rng.standard_normal((240 * RATE_HZ, 5)), 3.0)
     accel = np.where(still[:, None], 0.0, given.accel_mps2)
     (found,) = monitored(given._replace(accel_mps2=accel, residual_mps2=residual), {"head": LAW}).misfits()
     assert found.end_ns is None
@@ -101,43 +105,85 @@ def test_block_cuts_change_nothing(cuts: list[int]) -> None:
     assert monitor.misfits() == monitored(given_frames).misfits() != []
 
 
+def windows(given: MeasuredFrames) -> list[tuple[int, np.ndarray, np.ndarray]]:
+    """Second, mean square of the residual (5,) and of the prediction by band (6, 5) of each complete window."""
+    rows = np.concatenate([given.residual_mps2, given.accel_mps2[:, 1:]], axis=1)
+    found = SecondWindows().push(given.stamps_ns, rows)
+    return [((one.begin_ns - EPOCH_NS) // 10**9, *squares_of(one)) for one in found]
+
+
 def test_windows_are_means_of_what_was_compared() -> None:
     given = frames(5, 1)
     given.residual_mps2[150:180, 0] = np.nan  # 30 of 100 samples of one window
     given.residual_mps2[250:255, 1] = np.nan
-    found = list(ResidualWindows().push(given))
-    assert [(one.begin_ns - EPOCH_NS) // 10**9 for one in found] == [0, 1, 2, 3]  # the last one is not complete
-    assert np.isnan(found[1].residual_square[0]) and not np.isnan(found[2].residual_square).any()
+    found = windows(given)
+    assert [second for second, *_ in found] == [0, 1, 2, 3]  # the last one is not complete
+    residual, predicted = zip(*[squares for _, *squares in found], strict=True)
+    assert np.isnan(residual[1][0]) and np.isnan(predicted[1][:, 0]).all() and not np.isnan(residual[2]).any()
     part = slice(300, 400)
-    np.testing.assert_allclose(found[3].residual_square, np.mean(given.residual_mps2[part] ** 2, axis=0))
-    predicted = given.residual_mps2[part] + given.accel_mps2[part, 1:]
-    np.testing.assert_allclose(found[3].predicted_square, np.mean(predicted**2, axis=0))
+    np.testing.assert_allclose(residual[3], octave_squares(given.residual_mps2[part], RATE_HZ).sum(axis=0))
+    prediction = given.residual_mps2[part] + given.accel_mps2[part, 1:]
+    np.testing.assert_allclose(predicted[3], octave_squares(prediction, RATE_HZ))
 
 
 def test_a_window_with_a_gap_is_left_out() -> None:
     given = frames(4, 1)
     kept = (np.arange(400) < 120) | (np.arange(400) > 180)
-    found = list(ResidualWindows().push(MeasuredFrames(*(column[kept] for column in given))))
-    assert [(one.begin_ns - EPOCH_NS) // 10**9 for one in found] == [0, 2]
+    assert [second for second, *_ in windows(MeasuredFrames(*(column[kept] for column in given)))] == [0, 2]
 
 
 # --- the law ---------------------------------------------------------------------------------------------------------
 
 
+def by_band(given: MeasuredFrames, segment: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Mean squares (w, 6) of residual and prediction of one segment."""
+    length = RATE_HZ
+    parts = [slice(begin, begin + length) for begin in range(0, len(given.stamps_ns), length)]
+    predicted = given.residual_mps2 + given.accel_mps2[:, 1:]
+    return tuple(
+        np.array([octave_squares(values[part, segment : segment + 1], RATE_HZ)[:, 0] for part in parts])
+        for values in (given.residual_mps2, predicted)
+    )
+
+
 def test_the_law_is_recovered_from_windows() -> None:
-    windows = list(ResidualWindows().push(frames(1200, 7)))
-    residual, predicted = (np.array([one[k][0] for one in windows]) for k in (1, 2))
+    residual, predicted = by_band(frames(1200, 7))
     law = UsualResidual.of_windows(residual, predicted)
-    assert law is not None and law.windows == len(windows)
-    assert law.noise_mps2 == pytest.approx(LAW.noise_mps2, rel=0.1)
-    assert law.share == pytest.approx(LAW.share, rel=0.1)
-    assert 0.35 <= law.log_spread < 0.6
+    assert law is not None and law.windows == len(residual) == 1200
+    # The mean of a logarithm is below the logarithm of the mean, the more so in bands of few frequencies.
+    np.testing.assert_allclose(law.noise_mps2[2:], LAW.noise_mps2[2:], rtol=0.25)
+    np.testing.assert_allclose(law.share[2:], SHARE, rtol=0.25)
+    assert 0.3 <= law.log_spread < 0.6
     assert UsualResidual.of_windows(residual[: LEAST_WINDOWS - 1], predicted[: LEAST_WINDOWS - 1]) is None
 
 
+def test_a_share_of_one_band_stays_in_its_band() -> None:
+    rng = np.random.default_rng(3)
+    level = np.exp(rng.uniform(-3.0, 1.0, (400, 1)))
+    predicted = level**2 * np.ones(N_BANDS)
+    share = np.array([0.02, 0.02, 0.5, 0.02, 0.02, 0.02])
+    law = UsualResidual.of_windows(predicted * share**2 * np.exp(0.1 * rng.standard_normal((400, N_BANDS))), predicted)
+    assert law is not None
+    np.testing.assert_allclose(law.share, share, rtol=0.1)
+
+
+def test_a_band_without_motion_takes_the_share_of_all() -> None:
+    rng = np.random.default_rng(4)
+    predicted = np.exp(rng.uniform(-3.0, 1.0, (100, 1))) * np.array([0.0, 1.0, 1.0, 1.0, 0.0, 0.0])
+    law = UsualResidual.of_windows(1e-4 + 0.04 * predicted, predicted)
+    assert law is not None
+    np.testing.assert_allclose(law.share, 0.2, rtol=0.2)
+
+
 def test_windows_at_rest_alone_give_a_law_of_noise() -> None:
-    law = UsualResidual.of_windows(np.full(30, 1e-4), np.zeros(30))
-    assert law is not None and law.noise_mps2 == pytest.approx(0.01, rel=0.01)
+    law = UsualResidual.of_windows(np.full((30, N_BANDS), 1e-4), np.zeros((30, N_BANDS)))
+    assert law is not None and law.noise_mps2 == pytest.approx([0.01] * N_BANDS, rel=0.01)
+
+
+def test_the_mapping_is_read_back_in_any_order() -> None:
+    given = LAW.to_dict()
+    given["share"] = dict(sorted(given["share"].items(), reverse=True))
+    assert usual_residuals({PROVENANCE: {"head": given}}) == ({"head": LAW}, "")
 
 
 @pytest.mark.parametrize(
@@ -147,8 +193,17 @@ def test_windows_at_rest_alone_give_a_law_of_noise() -> None:
         ({}, "its file has no residual of held-out events"),
         ([], "is not by segment"),
         ({"knee": LAW.to_dict()}, "is not by segment"),
-        ({"head": LAW.to_dict() | {"share": -1.0}}, "usual_residual.head in its file needs"),
-        ({"head": LAW.to_dict() | {"share": float("nan")}}, "usual_residual.head in its file needs"),
+        ({"head": LAW.to_dict() | {"share": dict.fromkeys(BAND_NAMES, -1.0)}}, "usual_residual.head in its file needs"),
+        (
+            {"head": LAW.to_dict() | {"share": dict.fromkeys(BAND_NAMES, float("nan"))}},
+            "usual_residual.head in its file needs",
+        ),
+        ({"head": LAW.to_dict() | {"share": {"below_2_hz": 0.1}}}, "usual_residual.head in its file needs"),
+        ({"head": LAW.to_dict() | {"share": 0.1}}, "usual_residual.head in its file needs"),
+        (
+            {"head": LAW.to_dict() | {"share": dict.fromkeys(BAND_NAMES, 900.0)}},
+            "usual_residual.head in its file needs",
+        ),
         ({"head": {"share": 0.1}}, "usual_residual.head in its file needs"),
         ({"head": LAW.to_dict() | {"windows": True}}, "usual_residual.head in its file needs"),
     ],
@@ -164,7 +219,7 @@ def test_a_file_without_a_valid_law_says_so_and_predictions_go_on(given_law: Any
 
 def test_the_pipeline_names_a_sensor_that_reads_too_much() -> None:
     """A head that reads 1.5 times its motion, from the first sample on."""
-    law = UsualResidual(0.05, 0.05, 0.4, 50)
+    law = UsualResidual((0.05,) * N_BANDS, (0.05,) * N_BANDS, 0.4, 50)
     subject = dataclasses.replace(shipped("subject_1"), provenance={PROVENANCE: {n: law.to_dict() for n in LAWS}})
     for factor, expected in ((1.0, []), (1.5, ["head"])):
         streams = [

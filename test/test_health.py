@@ -12,6 +12,7 @@ from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT, SENSORS
 from biodyn_core.body.usual_residual import PROVENANCE, UsualResidual
 from biodyn_core.conditioning.conditioner import ConditioningSettings
 from biodyn_core.pipeline.pipeline import Pipeline
+from biodyn_core.signals.octaves import N_BANDS
 from biodyn_core.signals.weighting import CURVES
 from biodyn_ros.node.health import (
     CAUSES,
@@ -243,7 +244,7 @@ def test_a_sensor_is_silent_after_half_a_second(name: str, level: int) -> None:
 
 def test_a_segment_that_does_not_fit_is_a_warning_and_a_mark_until_it_fits_again() -> None:
     """The head reads twice its motion from the fifth to the twentieth second."""
-    law = UsualResidual(0.05, 0.05, 0.4, 50).to_dict()
+    law = UsualResidual((0.02,) * N_BANDS, (0.05,) * N_BANDS, 0.4, 50).to_dict()
     fitted = dataclasses.replace(subject(), provenance={PROVENANCE: dict.fromkeys(MEASURED_SEGMENTS, law)})
     streams = []
     for one in noisy_streams(50.0, "road"):

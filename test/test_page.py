@@ -75,9 +75,9 @@ def visit(steps: Callable[[Served, aiohttp.ClientSession], Awaitable[None]], hos
     asyncio.run(run())
 
 
-def snapshot(begin_s: float = 0.0, count: int = 2, text: str = "") -> str:
+def snapshot(begin_s: float = 0.0, count: int = 2, text: str = "", stream: str = "measured") -> str:
     strip = {"begin_s": [begin_s + 0.1 * k for k in range(count)], "low": [[-1.0]] * count, "high": [[1.0]] * count}
-    return json.dumps({"strip": {"measured": strip}, "text": text})
+    return json.dumps({"strip": {stream: strip}, "text": text})
 
 
 # --- what is sent ----------------------------------------------------------------------------------------------------
@@ -132,6 +132,14 @@ def test_the_history_covers_a_minute_and_is_cleared_at_a_leap_of_time():
         events.add(snapshot(leap_s))
         minute = json.loads(events.events(-2)[0].split("data: ")[1])["measured"]
         assert minute["begin_s"] == [leap_s, leap_s + 0.1]
+
+
+def test_the_history_has_the_seconds_of_the_error_too():
+    events = Hub()
+    for k in range(100):
+        events.add(snapshot(1.0 * k, count=1, stream="error"))
+    minute = json.loads(events.events(-2)[0].split("data: ")[1])["error"]
+    assert (minute["begin_s"][0], len(minute["begin_s"])) == (40.0, 60)
 
 
 def test_a_stream_far_behind_receives_the_history_again():

@@ -17,6 +17,7 @@ from urllib.parse import urlsplit
 
 import pytest
 import yaml
+from provenances import with_spread
 from ros import STARTUP_S, child
 from streams import noisy_streams, subject, write_bag
 
@@ -63,9 +64,9 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def subject_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A subject whose name is markup."""
+    """A fitted subject whose name is markup."""
     path: Path = tmp_path_factory.mktemp("subject") / "evil.yaml"
-    path.write_text(yaml.safe_dump(subject().to_dict() | {"name": EVIL}))
+    path.write_text(yaml.safe_dump(with_spread(subject()).to_dict() | {"name": EVIL}, sort_keys=False))
     return path
 
 
@@ -147,6 +148,7 @@ def test_a_ride_in_chromium(graph, bag, subject_file, browser, tmp_path):
             it_updates(browser)
             it_shows_the_values_of_a_vibration_meter(browser)
             it_is_green_and_names_the_subject(browser)
+            it_shows_intervals(browser)
             for name, (width, height) in SIZES.items():
                 it_fits(browser, width, height, tmp_path / f"{name}.png")
             it_survives_a_reload(browser)
@@ -215,6 +217,17 @@ def it_is_green_and_names_the_subject(browser: Browser) -> None:
     assert "left" in browser.text("#left-action")
 
 
+def it_shows_intervals(browser: Browser) -> None:
+    browser.until("snapshot.rows[0].predicted_interval_mps2 && minute.error.length > 1")
+    row, shown = browser.page.evaluate(
+        "show(snapshot), [snapshot.rows[0], document.querySelector('.row[data-name=\"head\"]').innerText]"
+    )
+    assert "{:.2f}–{:.2f}".format(*row["predicted_interval_mps2"]) in shown
+    assert "{:.0f}–{:.0f}".format(*row["compression_interval_n"]) in shown
+    assert "95 % interval of the true figure" in browser.text("#terms")
+    assert "95 % interval" in browser.text("#ride .legend")
+
+
 def it_fits(browser: Browser, width: int, height: int, picture: Path) -> None:
     browser.page.set_viewport_size({"width": width, "height": height})
     for scheme in ("light", "dark"):
@@ -247,7 +260,7 @@ def it_fits(browser: Browser, width: int, height: int, picture: Path) -> None:
 
 def it_survives_a_reload(browser: Browser) -> None:
     browser.page.reload()
-    browser.until("minute.measured && minute.measured.length > 20", 10.0)
+    browser.until("minute.measured && minute.measured.length > 20 && minute.error.length > 1", 10.0)
     browser.until("snapshot && document.querySelectorAll('.row').length == 7", 10.0)
 
 
@@ -343,6 +356,37 @@ def test_measured_is_seen_under_a_prediction_that_equals_it_and_no_label_lies_on
                 for text, left, right, top, bottom in drawn["words"]:
                     beside = right <= min(xs) or left >= max(xs) or bottom <= min(ys) or top >= max(ys)
                     assert beside, (text, width)
+
+
+BANDED = """() => {
+  const filled = (low, high) => ({ low: Array(6).fill(low), high: Array(6).fill(high) });
+  const bins = (low, high) => [...Array(600).keys()].map((k) => ({ begin: 0.1 * k, ...filled(low, high) }));
+  snapshot = { rows: [{ name: "head", measured_column: 5, predicted_column: 5 }] };
+  document.getElementById("channel").append(new Option("head"));
+  const measured = bins(-0.1, 0.1);
+  measured[590] = { begin: 59, ...filled(-4, 4) };
+  const error = [...Array(30).keys()].map((s) => ({ begin: s, ...filled(-1, 1) }));
+  minute = { measured, predicted: bins(-1, 1), error };
+  draw();
+  const canvas = document.getElementById("strip"), pen = canvas.getContext("2d");
+  const data = pen.getImageData(0, 0, canvas.width, canvas.height).data;
+  const band = [...Array(data.length / 4).keys()].filter((at) => data[4 * at + 3] === 153); // opacity 0.6
+  const plot = (canvas.width - MARGIN.left - MARGIN.right) * (canvas.height - MARGIN.top - MARGIN.bottom);
+  const late = band.filter((at) => at % canvas.width > MARGIN.left + 0.51 * (canvas.width - MARGIN.left));
+  return [band.length / plot, late.length / band.length];
+}"""
+
+
+def test_the_interval_is_a_band_around_the_prediction_while_it_is_known(graph, browser):
+    port = free_port()
+    with child(graph, "page", "--node", "/nobody", "--page-port", str(port)):
+        reached(browser, f"http://127.0.0.1:{port}/")
+        for scheme in ("light", "dark"):
+            browser.page.emulate_media(color_scheme=scheme)
+            area, late = browser.page.evaluate(BANDED)
+            # Half of the time, from -2 to 2 on axes from -4.4 to 4.4, but for the measurement and the lines.
+            assert 0.8 * 0.5 * 4.0 / 8.8 < area < 0.5 * 4.0 / 8.8
+            assert late < 0.01
 
 
 def test_without_the_token_the_page_is_read_only(graph, browser):

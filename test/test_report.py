@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import math
 import re
 import sys
 from contextlib import nullcontext
@@ -15,11 +16,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pages import NASTY, Page, assert_self_contained, empty_drawings
-from streams import held_bytes, predicted_frames
+from pages import NASTY, Page, assert_self_contained, empty_drawings, lines
+from provenances import with_spread
+from streams import held_bytes, in_turn, noisy_streams, predicted_frames, run, subject
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
+from biodyn_core.exposure.figure_spread import NORMAL_95, FigureSpread
 from biodyn_core.exposure.injury import Dri, Hic, Window
 from biodyn_core.exposure.joint_forces import JointForce
 from biodyn_core.exposure.limit_assessment import LimitAssessment, SeatExposure, ShockRatio
@@ -27,15 +30,26 @@ from biodyn_core.exposure.limits import EU_LIMITS, Limits
 from biodyn_core.exposure.losses import NO_LOSSES, Losses
 from biodyn_core.exposure.meters import Dose
 from biodyn_core.pipeline.frames import NO_MEASURED, NO_PREDICTED, Frames, MeasuredFrames, PredictedFrames
+from biodyn_core.pipeline.intervals import SegmentSpread
+from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.run_status import RunStatus
-from biodyn_ros.base.wording import bound, duration, number, sentence, with_interval
+from biodyn_ros.base.wording import INTERVAL_MEANS, INTERVAL_OF_BOUND, bound, duration, number, sentence, with_interval
 from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.replay import traces as traces_of_replay
 from biodyn_ros.replay.page import replay_page
 from biodyn_ros.replay.text import summary
 from biodyn_ros.replay.traces import ENVELOPE_BINS, RECENT_SAMPLES, Traces
+from biodyn_ros.reports.doses import Pair, doses
 from biodyn_ros.reports.downsampling import BIN_NS
-from biodyn_ros.reports.exposure_report import ChannelExposure, ExposureReport, JointExposure, Residual
+from biodyn_ros.reports.drawing import MEASURED_COLOUR
+from biodyn_ros.reports.exposure_json import exposure_document
+from biodyn_ros.reports.exposure_report import (
+    ChannelExposure,
+    ExposureReport,
+    JointExposure,
+    Residual,
+    exposure_report,
+)
 from biodyn_ros.reports.motion import Envelope
 from biodyn_ros.reports.pages import write_drawn
 from biodyn_ros.reports.verdict import left, seat_verdict, shocks, time_left
@@ -123,6 +137,17 @@ def report(**changed: Any) -> ExposureReport:
         body_mass_kg=71.5,
     )
     return replace(quiet, **changed)
+
+
+def factors(means: float, vdv: float, peaks: float) -> FigureSpread:
+    """The spread of which the intervals reach to the figure over and times these factors."""
+    return FigureSpread(*(math.log(factor) / NORMAL_95 for factor in (means, vdv, peaks)))
+
+
+def sure(**changed: Any) -> ExposureReport:
+    """The report of the quiet recording whose predictions have intervals, with changed fields."""
+    spread = SegmentSpread(accel=factors(2.0, 1.25, 5.0), force=factors(2.5, 100.0, 10.0))
+    return report(spreads=dict.fromkeys(SEGMENTS, spread), **changed)
 
 
 def losing(name: str, lost: Losses) -> dict[str, ChannelExposure]:
@@ -314,6 +339,89 @@ def test_forces_are_shown_with_their_static_weight_and_what_they_rest_on(drawn):
     )
     assert "would lift off" not in summary(bound)
     assert ">= 9.50" in summary(bound) and ">= 3.50" not in summary(bound)
+
+
+def test_every_prediction_has_its_interval_in_the_document():
+    document = exposure_document(sure())
+    pelvis, joint = document["predicted"]["pelvis"], document["joint_forces"]["pelvis"]
+    assert pelvis["aw_interval_mps2"] == pytest.approx([0.1, 0.4])
+    assert pelvis["vdv_interval_mps175"] == pytest.approx([0.8, 1.25])
+    assert pelvis["peak_interval_mps2"] == pytest.approx([0.29, 7.25])
+    assert joint["compression_interval_n"] == pytest.approx([90.1, 9010.0])
+    assert joint["tension_interval_n"] == pytest.approx([40.1, 4010.0])
+    assert joint["rms_interval_n"] == pytest.approx([40.4, 252.5])
+    assert document["no_interval"] is None
+
+
+def test_a_report_has_the_spreads_of_its_pipeline_or_the_reason():
+    streams = noisy_streams()
+    fitted = run(streams, in_turn(streams), pipeline=Pipeline(with_spread(subject())))
+    found = exposure_report(fitted.pipeline)
+    assert (found.spreads, found.no_interval) == (fitted.exposure.spreads, "")
+    assert set(found.spreads) == set(SEGMENTS)
+    assert "covariance" in exposure_report(Pipeline(subject())).no_interval
+    assert exposure_report(Pipeline(with_spread(subject()))).no_interval == "no whole second was predicted"
+
+
+def test_zero_and_a_segment_that_was_not_counted_have_no_interval(tmp_path):
+    still = JointExposure(JointForce(9.5, 0.0, 3.5, 1.0), NO_LOSSES, 5.0)
+    changed = sure(predicted={**report().predicted, "head": channel(0.0)}, joint_forces={"pelvis": still})
+    changed = replace(changed, spreads={name: changed.spreads[name] for name in ("head", "pelvis")})
+    document = exposure_document(changed)
+    assert document["joint_forces"]["pelvis"]["tension_interval_n"] is None
+    assert document["joint_forces"]["pelvis"]["rms_interval_n"] is not None
+    for name in ("head", "neck"):
+        for figure in ("aw_interval_mps2", "vdv_interval_mps175", "peak_interval_mps2"):
+            assert document["predicted"][name][figure] is None
+    assert "head 0 0.385 0 1.93 0 – 0 not validated" in page_of(tmp_path, changed).text
+    assert re.search(r"^head +0 +0 +–$", summary(changed), re.MULTILINE)
+
+
+def test_terminal_and_page_show_the_intervals(tmp_path):
+    text = summary(sure())
+    assert re.search(
+        r"^pelvis +0\.200 \(0\.100 to 0\.400\) +1\.00 \(0\.800 to 1\.25\) +901 \(90\.1 to 9010\)$", text, re.MULTILINE
+    )
+    table = text[text.index("predicted, with 95 % interval") :].splitlines()[1:7]
+    assert [line.partition("  ")[0] for line in table] == [name.replace("_", " ") for name in reversed(SEGMENTS)]
+    page = page_of(tmp_path, sure()).text
+    for expected in (
+        "pelvis 0.200 0.100 to 0.400 0.317 1.00 0.800 to 1.25 1.58 0.400 7.25 1.45 0.290 to 7.25 not validated",
+        "seat to pelvis 901 90.1 to 9010 401 40.1 to 4010 101 40.4 to 252 301",
+        "predicted (hatched), with its 95 % interval",
+    ):
+        assert expected in page, expected
+    for shown in (text, page):
+        assert INTERVAL_MEANS in shown
+        assert INTERVAL_OF_BOUND not in shown
+
+
+def test_without_an_interval_the_reason_is_shown(tmp_path):
+    changed = report(no_interval="its file has no covariance")
+    page = page_of(tmp_path, changed).text
+    for shown in (summary(changed), page):
+        assert "Predictions for subject_1 have no 95 % interval: its file has no covariance." in shown
+        assert INTERVAL_MEANS not in shown
+    assert "with its 95 % interval" not in page
+    assert exposure_document(changed)["no_interval"] == "its file has no covariance"
+    assert "interval" not in summary(report(predicted={}, joint_forces={}, no_interval="nothing was predicted"))
+
+
+def test_the_interval_of_a_lower_bound_is_named_as_such(tmp_path):
+    missing = NO_LOSSES._replace(absent_s=1.234)
+    changed = sure(predicted={name: each._replace(losses=missing) for name, each in report().predicted.items()})
+    assert ">= 1.00 (0.800 to 1.25)" in summary(changed)
+    for shown in (summary(changed), page_of(tmp_path, changed).text):
+        assert INTERVAL_OF_BOUND in shown
+
+
+def test_the_drawing_has_an_error_bar_for_each_interval_and_room_for_it():
+    rows = [Pair("head", 1.0, 2.0, predicted_interval=(1.0, 8.0)), Pair("neck", 1.0, 2.0)]
+    plain, drawn = doses([row._replace(predicted_interval=None) for row in rows], "VDV"), doses(rows, "VDV")
+    assert [len(lines(svg, MEASURED_COLOUR, 1.1)) for svg in (plain, drawn)] == [0, 1]
+    (bar,) = lines(drawn, MEASURED_COLOUR, 1.1)
+    # The axis ends at 1.3 times the largest value or end.
+    np.testing.assert_allclose(bar.points[:, 0], [1.0 / 10.4, 8.0 / 10.4], atol=1e-3)
 
 
 def test_the_page_needs_no_network_and_repeats_no_id(drawn):

@@ -7,9 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from provenances import with_spread
 from streams import START_NS, noisy_streams, subject
 
 from biodyn_core.base.segments import SEAT, SENSORS
+from biodyn_core.exposure.figure_spread import NORMAL_95, interval
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros.node.health import HealthMonitor, SensorHealth
@@ -23,8 +25,8 @@ GENTLE = {"case": "road", "seconds": 6.0, "seed": 3}
 class Ride:
     """A pipeline driven as the node drives it, with the health of its sensors and the page's snapshots."""
 
-    def __init__(self, **pipeline):
-        self.pipeline, self.builder = Pipeline(subject(), **pipeline), SnapshotBuilder(5.0)
+    def __init__(self, person=None, **pipeline):
+        self.pipeline, self.builder = Pipeline(person or subject(), **pipeline), SnapshotBuilder(5.0)
         self.clock_s = 0.0
         self.health = {name: SensorHealth(now=lambda: self.clock_s) for name in SENSORS}
         self.monitor = HealthMonitor(self.pipeline, self.health)
@@ -86,6 +88,40 @@ def test_every_bin_of_the_strip_is_sent_once():
     assert begins == sorted(set(begins))
     assert np.diff(begins) == pytest.approx(0.1, abs=1e-3)
     assert 0.0 <= begins[0] - 1e-9 * START_NS < 2.0
+
+
+def test_predictions_have_their_intervals_and_each_second_of_the_error_is_sent_once():
+    ride = Ride(with_spread(subject())).drive(noisy_streams(**GENTLE))
+    shown, rolling = ride.snapshots[-1], ride.pipeline.exposure(rolling=True)
+    head, spread = shown["rows"][0], rolling.spreads["head"]
+    assert head["predicted_interval_mps2"] == [*interval(head["predicted_mps2"], spread.accel.of_means)]
+    assert head["compression_interval_n"] == [*interval(head["compression_n"], spread.force.of_peaks)]
+    assert shown["rows"][-1]["predicted_interval_mps2"] is None
+    assert shown["no_interval"] is None
+    sent = [one["strip"]["error"] for one in ride.snapshots if "error" in one["strip"]]
+    assert len(sent) > 3
+    recent = ride.pipeline.predictor.intervals.recent
+    assert [begin for one in sent for begin in one["begin_s"]] == [1e-9 * one.begin_ns for one in recent]
+    half = np.concatenate([one["high"] for one in sent])
+    np.testing.assert_allclose(half, [NORMAL_95 * one.accel_mps2 for one in recent], atol=5e-4)
+    np.testing.assert_array_equal(np.concatenate([one["low"] for one in sent]), -half)
+
+
+def test_seconds_whose_stamps_jump_back_are_sent_too():
+    ride, streams = Ride(with_spread(subject())), noisy_streams(**GENTLE)
+    for shift_s in (0.0, -3.0):
+        ride.drive([replace(stream, stamps_ns=stream.stamps_ns + round(1e9 * shift_s)) for stream in streams])
+    begins = [begin for one in ride.snapshots for begin in one["strip"].get("error", {}).get("begin_s", [])]
+    assert min(np.diff(begins)) < 0.0
+    assert begins[-1] == 1e-9 * ride.pipeline.predictor.intervals.recent[-1].begin_ns
+
+
+def test_a_subject_without_a_fit_has_no_intervals_and_the_reason_is_sent():
+    shown = Ride().drive(noisy_streams(**GENTLE)).snapshots[-1]
+    assert "covariance" in shown["no_interval"]
+    assert "error" not in shown["strip"]
+    assert {row["predicted_interval_mps2"] for row in shown["rows"]} == {None}
+    assert {row["compression_interval_n"] for row in shown["rows"]} == {None}
 
 
 def test_a_gentle_ride_with_a_yaw_is_green():

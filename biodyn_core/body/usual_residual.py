@@ -1,14 +1,15 @@
 """The usual residual of a fitted subject: how far its predictions miss measurements that they were not fitted to.
 
-In windows of one second the mean square of the residual is n^2 + s^2 P: n is the noise, P the mean square of the
-prediction, s the share of the motion that the model misses. The logarithm of the ratio of a window to it scatters by
-`log_spread`. All of it is by segment, from held-out events, and stands in the provenance of the subject's file.
+In windows of one second the mean square of the residual in an octave band is n^2 + s^2 P: n is the noise, P the mean
+square of the prediction in the band, s the share of the motion that the model misses. The logarithm of the ratio of a
+window to the sum over the bands scatters by `log_spread`. All of it is by segment, from held-out events, and stands in
+the provenance of the subject's file.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -17,6 +18,7 @@ from scipy import optimize
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS
+from biodyn_core.signals.octaves import BAND_NAMES, N_BANDS
 
 LEAST_WINDOWS: Final = 20
 """Fewer windows say too little about their scatter."""
@@ -24,11 +26,13 @@ LEAST_WINDOWS: Final = 20
 MOST_SHARE: Final = 10.0
 """No model misses more of the motion; windows at rest alone leave the share undetermined."""
 
-LEAST_SHARE: Final = 0.02
-"""A model that misses less is good enough, and clocks that drift apart by a millisecond look like more."""
+ROUNDED: Final = 1.0 + 1e-9
 
-LEAST_SPREAD: Final = 0.35
-"""Held-out windows of few events scatter less than those of other drives."""
+BAND_SCATTER: Final = 1.4
+"""Prior standard deviation of ln s^2 of a band around that of all bands: a band without motion says nothing itself."""
+
+LEAST_SQUARE: Final = 1e-12
+"""Mean squares below it, (m/s^2)^2, are zero but for rounding."""
 
 PROVENANCE: Final = "usual_residual"
 _KEYS: Final = ("noise_mps2", "share", "log_spread", "windows")
@@ -36,42 +40,58 @@ _KEYS: Final = ("noise_mps2", "share", "log_spread", "windows")
 
 @dataclass(frozen=True)
 class UsualResidual:
-    """The law of one segment: noise m/s^2, share of the predicted motion, scatter of ln, and number of windows."""
+    """The law of one segment: noise m/s^2 and share of the predicted motion by octave band, each (6,).
 
-    noise_mps2: float
-    share: float
+    log_spread: scatter of the logarithm of a window's mean square. windows: their number.
+    """
+
+    noise_mps2: tuple[float, ...]
+    share: tuple[float, ...]
     log_spread: float
     windows: int
 
-    def square(self, predicted_square: float) -> float:
-        """The usual mean square of the residual, (m/s^2)^2, for a mean square of the prediction."""
-        return self.noise_mps2**2 + self.share**2 * predicted_square
+    def square(self, predicted_squares: Floats) -> float:
+        """The usual mean square of the residual, (m/s^2)^2, for mean squares (6,) of the prediction."""
+        bands = zip(self.noise_mps2, self.share, predicted_squares.tolist(), strict=True)
+        return sum(noise**2 + share**2 * square for noise, share, square in bands)
 
-    def score(self, residual_square: float, predicted_square: float) -> float:
+    def score(self, residual_square: float, predicted_squares: Floats) -> float:
         """The logarithm of a window's mean square over the usual one, in standard deviations."""
-        return math.log(max(residual_square, 1e-12) / self.square(predicted_square)) / self.log_spread
+        return math.log(max(residual_square, LEAST_SQUARE) / self.square(predicted_squares)) / self.log_spread
 
-    def to_dict(self) -> dict[str, float | int]:
+    def to_dict(self) -> dict[str, Any]:
         """The mapping in the provenance."""
-        return {key: getattr(self, key) for key in _KEYS}
+        bands = {key: dict(zip(BAND_NAMES, getattr(self, key), strict=True)) for key in _KEYS[:2]}
+        return bands | {"log_spread": self.log_spread, "windows": self.windows}
 
     @classmethod
-    def of_windows(cls, residual_square: Floats, predicted_square: Floats) -> UsualResidual | None:
-        """Estimate from windows (w,), (m/s^2)^2; None for fewer than LEAST_WINDOWS."""
-        if residual_square.size < LEAST_WINDOWS:
+    def of_windows(cls, residual_squares: Floats, predicted_squares: Floats) -> UsualResidual | None:
+        """Estimate from windows (w, 6), (m/s^2)^2; None for fewer than LEAST_WINDOWS."""
+        if len(residual_squares) < LEAST_WINDOWS:
             return None
-        target, motion = np.log(np.maximum(residual_square, 1e-12)), np.maximum(predicted_square, 1e-12)
+        whole = _noise_and_share(residual_squares.sum(axis=1), predicted_squares.sum(axis=1))
+        bands = [
+            _noise_and_share(residual_squares[:, band], predicted_squares[:, band], whole[1]) for band in range(N_BANDS)
+        ]
+        noise, share = (tuple(math.exp(0.5 * max(one[k], -60.0)) for one in bands) for k in (0, 1))
+        law = cls(noise, share, 1.0, len(residual_squares))
+        away = [law.score(float(r.sum()), p) for r, p in zip(residual_squares, predicted_squares, strict=True)]
+        spread = math.sqrt(float(np.mean(np.square(away))) * (1.0 + 2.0 / len(away)))
+        return cls(noise, share, max(spread, 1e-3), len(away))
 
-        def away(logs: Floats) -> Floats:
-            return np.asarray(target - np.logaddexp(logs[0], logs[1] + np.log(motion)))
 
-        start = np.array([np.quantile(target, 0.1), min(np.median(target - np.log(motion)), -1.0)])
-        found = optimize.least_squares(
-            away, start, bounds=(-np.inf, [np.inf, 2.0 * math.log(MOST_SHARE)]), loss="soft_l1"
-        )
-        spread = math.sqrt(float(np.mean(away(found.x) ** 2)) * (1.0 + 2.0 / target.size))
-        noise, share = (math.exp(0.5 * max(log, -60.0)) for log in found.x)
-        return cls(noise, max(share, LEAST_SHARE), max(spread, LEAST_SPREAD), int(target.size))
+def _noise_and_share(residual: Floats, predicted: Floats, center: float | None = None) -> tuple[float, float]:
+    """Ln n^2 and ln s^2 from mean squares (w,), robustly; center: prior mean of ln s^2."""
+    target, motion = np.log(np.maximum(residual, LEAST_SQUARE)), np.log(np.maximum(predicted, LEAST_SQUARE))
+
+    def away(logs: Floats) -> Floats:
+        rows = target - np.logaddexp(logs[0], logs[1] + motion)
+        return rows if center is None else np.append(rows, (logs[1] - center) / BAND_SCATTER)
+
+    most = 2.0 * math.log(MOST_SHARE)
+    start = np.array([np.quantile(target, 0.1), min(float(np.median(target - motion)), -1.0)])
+    found = optimize.least_squares(away, start, bounds=(-np.inf, [np.inf, most]), loss="soft_l1")
+    return float(found.x[0]), float(found.x[1])
 
 
 def usual_residuals(provenance: Mapping[str, Any]) -> tuple[dict[str, UsualResidual], str]:
@@ -85,7 +105,8 @@ def usual_residuals(provenance: Mapping[str, Any]) -> tuple[dict[str, UsualResid
     for name, values in given.items():
         law = _law(values)
         if law is None:
-            return {}, f"{PROVENANCE}.{name} in its file needs {', '.join(_KEYS)}, all above zero"
+            numbers = f"all above zero, shares up to {MOST_SHARE:g}"
+            return {}, f"{PROVENANCE}.{name} in its file needs {', '.join(_KEYS)}, by octave band, {numbers}"
         found[name] = law
     return found, "" if found else "its file has no residual of held-out events"
 
@@ -93,9 +114,20 @@ def usual_residuals(provenance: Mapping[str, Any]) -> tuple[dict[str, UsualResid
 def _law(values: object) -> UsualResidual | None:
     if not isinstance(values, Mapping) or set(values) != set(_KEYS):
         return None
-    numbers: Sequence[object] = [values[key] for key in _KEYS]
-    for value in numbers:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < math.inf:
-            return None
-    noise_mps2, share, log_spread = (float(values[key]) for key in _KEYS[:3])
-    return UsualResidual(noise_mps2, share, log_spread, int(values["windows"]))
+    noise_mps2, share = (_bands(values[key]) for key in _KEYS[:2])
+    if not (noise_mps2 and share and _is_positive(values["log_spread"]) and _is_positive(values["windows"])):
+        return None
+    if max(share) > ROUNDED * MOST_SHARE:
+        return None
+    return UsualResidual(noise_mps2, share, float(values["log_spread"]), int(values["windows"]))
+
+
+def _bands(values: object) -> tuple[float, ...]:
+    """Numbers by band; empty if they are not."""
+    if not isinstance(values, Mapping) or set(values) != set(BAND_NAMES) or not all(map(_is_positive, values.values())):
+        return ()
+    return tuple(float(values[name]) for name in BAND_NAMES)
+
+
+def _is_positive(value: object) -> bool:
+    return not isinstance(value, bool) and isinstance(value, (int, float)) and 0.0 < value < math.inf

@@ -2,39 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from biodyn_core.base.arrays import Floats
+from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.body.subject import Subject
 from biodyn_core.body.usual_residual import UsualResidual
 from biodyn_core.identification.fit import predictions
 from biodyn_core.identification.problem import Case
+from biodyn_core.signals.octaves import octave_squares
 
 
 def usual_residual(subject: Subject, held_out: Sequence[Case]) -> dict[str, UsualResidual]:
     """The usual residual by segment, for those with enough compared seconds in the held-out cases."""
-    columns: list[tuple[list[Floats], list[Floats]]] = [([], []) for _ in MEASURED_SEGMENTS]
-    for case, predicted in zip(held_out, predictions(subject, held_out), strict=True):
-        length = round(case.rate_hz)
-        count = len(predicted) // length
-        whole = slice(0, count * length)
-        compared = np.asarray(case.compared[whole].reshape(count, length, -1).all(axis=1))
-        residual = _mean_squares(predicted[whole] - case.measured_mps2[whole], count)
-        motion = _mean_squares(predicted[whole], count)
-        for column, (residuals, motions) in enumerate(columns):
-            residuals.append(residual[compared[:, column], column])
-            motions.append(motion[compared[:, column], column])
+    windows = [
+        one
+        for case, predicted in zip(held_out, predictions(subject, held_out), strict=True)
+        for one in _windows(case, predicted)
+    ]
+    if not windows:
+        return {}
+    compared, residual, motion = (np.array(column) for column in zip(*windows, strict=True))
     found = {}
-    for name, (residuals, motions) in zip(MEASURED_SEGMENTS, columns, strict=True):
-        law = UsualResidual.of_windows(np.concatenate(residuals), np.concatenate(motions)) if residuals else None
+    for column, name in enumerate(MEASURED_SEGMENTS):
+        use = compared[:, column]
+        law = UsualResidual.of_windows(residual[use, :, column], motion[use, :, column])
         if law is not None:
             found[name] = law
     return found
 
 
-def _mean_squares(values: Floats, count: int) -> Floats:
-    """Mean squares (count, c) of so many windows of equal length in (n, c)."""
-    return np.asarray(np.mean(values.reshape(count, -1, values.shape[1]) ** 2, axis=1)) if count else values[:0]
+def _windows(case: Case, predicted: Floats) -> Iterator[tuple[Flags, Floats, Floats]]:
+    """Which segments are wholly compared (5,), and mean squares (6, 5) of residual and prediction, second by second."""
+    length = round(case.rate_hz)
+    for begin in range(0, len(predicted) - length + 1, length):
+        part = slice(begin, begin + length)
+        compared = np.asarray(case.compared[part].all(axis=0))
+        residual = octave_squares(predicted[part] - case.measured_mps2[part], case.rate_hz)
+        yield compared, residual, octave_squares(predicted[part], case.rate_hz)

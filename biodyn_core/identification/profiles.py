@@ -14,6 +14,7 @@ import numpy as np
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER
+from biodyn_core.exposure.figure_spread import NORMAL_95
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.objectives import PENALTY, TimeDomain
 from biodyn_core.identification.phase2 import least_squares
@@ -21,7 +22,6 @@ from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import UncertaintySettings
 from biodyn_core.identification.uncertainty import (
     LOG_RANGE,
-    NORMAL_95,
     covariance_of,
     off_bounds,
 )

@@ -19,15 +19,13 @@ import numpy as np
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER
+from biodyn_core.exposure.figure_spread import NORMAL_95
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.objectives import TimeDomain
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import UncertaintySettings
 
 Identifiability = Literal["identifiable", "weakly identifiable", "not identifiable"]
-
-NORMAL_95: Final = 1.959964
-"""Half width of a 95 % interval in standard errors."""
 
 LEAK_DELAYS_S: Final = np.linspace(0.0, 0.1, 6)
 """Possible delays of horizontal motion behind the vertical: one axle after the other, a body after its seat."""

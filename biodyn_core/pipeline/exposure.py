@@ -11,6 +11,7 @@ from biodyn_core.exposure.joint_forces import JointForce
 from biodyn_core.exposure.meters import Dose
 from biodyn_core.exposure.sensor_meters import SensorMeters
 from biodyn_core.pipeline.comparison import Compared
+from biodyn_core.pipeline.intervals import SegmentSpread
 from biodyn_core.pipeline.prediction import SeatPredictor
 from biodyn_core.signals.weighting import WeightingName
 
@@ -23,7 +24,7 @@ class Exposure:
     prediction counts at once, a measurement when it is compared. compared: by segment, over the same samples of both.
     further: by weighting and sensor. residual: by segment, rms m/s^2 and rms over measured rms in percent. msdv_mps15:
     motion sickness dose of the seat's vertical, Wf, since reset alone. joint_forces: predicted, by the segment above
-    the joint.
+    the joint. spreads: of the predicted figures, by segment, for their intervals.
     """
 
     sensors: dict[str, Dose]
@@ -37,6 +38,7 @@ class Exposure:
     residual: dict[str, tuple[float, float]]
     compared: dict[str, Compared]
     joint_forces: dict[str, JointForce]
+    spreads: dict[str, SegmentSpread]
 
 
 def exposure_of(
@@ -61,4 +63,5 @@ def exposure_of(
         residual=side.residual(rolling) if side else {},
         compared=side.comparison.compared_doses(rolling) if side else {},
         joint_forces=side.joint_forces(rolling) if side else {},
+        spreads=side.spreads(rolling) if side else {},
     )

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -18,33 +18,27 @@ from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.body.usual_residual import UsualResidual
 from biodyn_core.pipeline.frames import MeasuredFrames
-
-WINDOW_NS: Final = 1_000_000_000
-LEAST_COVERED: Final = 0.9
-"""A window counts with at least this share of its samples compared."""
-
-ALLOWANCE: Final = 1.0
-"""Standard deviations that do not count: roads, levels and persons on another day differ by less."""
-
-THRESHOLD: Final = 10.0
-LARGEST_SCORE: Final = 4.0
-RECENT: Final = 10
-"""It fits again if the mean score of so many windows with motion is below the allowance."""
-
-MOVING: Final = 5.0
-"""A window has motion with a predicted rms of so many times the noise: at rest everything fits."""
-
+from biodyn_core.pipeline.windows import LEAST_COVERED, WINDOW_NS, SecondWindows, Window
+from biodyn_core.signals.octaves import N_BANDS, octave_squares
 
 MOST_ENDED: Final = 1000
 """Times of misfit that are remembered."""
 
 
-class Window(NamedTuple):
-    """Mean squares of residual and prediction over one second, (5,) each by measured segment, NaN where too few."""
+@dataclass(frozen=True)
+class MonitorSettings:
+    """Settings of the test, in standard deviations of a window's score; calibrated by `make blind`.
 
-    begin_ns: int
-    residual_square: Floats
-    predicted_square: Floats
+    allowance: what does not count, because roads, levels and days differ by it; threshold: of the sum beyond it.
+    largest_score: of one window. recent: it fits again if the mean score of so many windows with motion is below the
+    allowance. moving: a window has motion if the predicted rms is so many times the noise; at rest everything fits.
+    """
+
+    allowance: float = 1.0
+    threshold: float = 10.0
+    largest_score: float = 4.0
+    recent: int = 10
+    moving: float = 5.0
 
 
 @dataclass(frozen=True)
@@ -60,73 +54,40 @@ class Misfit:
     ratio: float
 
 
-class ResidualWindows:
-    """Collect frames into windows: `push` frames, get the windows that they complete."""
-
-    def __init__(self) -> None:
-        self._parts: list[MeasuredFrames] = []
-        self._number: int | None = None
-
-    def push(self, frames: MeasuredFrames) -> Iterator[Window]:
-        """Add frames; yield each window that later frames have completed."""
-        numbers = frames.stamps_ns // WINDOW_NS
-        begin = 0
-        for end in [*(np.flatnonzero(np.diff(numbers)) + 1).tolist(), numbers.size]:
-            if end > begin:
-                if self._number is not None and int(numbers[begin]) != self._number:
-                    yield from self._complete()
-                self._number = int(numbers[begin])
-                part = slice(begin, end)
-                self._parts.append(
-                    MeasuredFrames(frames.stamps_ns[part], frames.accel_mps2[part], frames.residual_mps2[part])
-                )
-                begin = end
-
-    def _complete(self) -> Iterator[Window]:
-        """The window, unless a gap has left too little of it."""
-        assert self._number is not None
-        stamps_ns, accel, residual = (np.concatenate(column) for column in zip(*self._parts, strict=True))
-        self._parts = []
-        period_ns = float(np.median(np.diff(stamps_ns))) if stamps_ns.size > 1 else 0.0
-        if stamps_ns.size * period_ns < LEAST_COVERED * WINDOW_NS:
-            return
-        known = ~np.isnan(residual)
-        enough, count = known.mean(axis=0) >= LEAST_COVERED, np.maximum(known.sum(axis=0), 1)
-        squares = [
-            np.where(enough, (np.where(known, values, 0.0) ** 2).sum(axis=0) / count, np.nan)
-            for values in (residual, residual + accel[:, 1:])
-        ]
-        yield Window(self._number * WINDOW_NS, squares[0], squares[1])
-
-
 @dataclass
 class _Segment:
     """The state of the test of one segment."""
 
+    name: str
     law: UsualResidual
     total: float = 0.0
     began_ns: int = 0
     failing: bool = False
     squares: tuple[float, float] = (0.0, 0.0)
-    recent: deque[float] = field(default_factory=lambda: deque(maxlen=RECENT))
+    recent: deque[float] = field(default_factory=deque)
 
 
 class FitMonitor:
     """`push` measured frames; read `misfits`. laws: the usual residual by segment; others are not tested."""
 
-    def __init__(self, laws: Mapping[str, UsualResidual]) -> None:
-        self._windows = ResidualWindows()
-        self._segments = {name: _Segment(law) for name, law in laws.items()}
+    def __init__(self, laws: Mapping[str, UsualResidual], settings: MonitorSettings | None = None) -> None:
+        self._settings = settings or MonitorSettings()
+        self._windows = SecondWindows()
+        self._segments = {name: _Segment(name, law) for name, law in laws.items()}
         self._ended: deque[Misfit] = deque(maxlen=MOST_ENDED)
 
     def push(self, frames: MeasuredFrames) -> None:
         """Test the windows that these frames complete."""
         if self._segments and frames.stamps_ns.size:
-            for window in self._windows.push(frames):
-                for column, name in enumerate(MEASURED_SEGMENTS):
-                    residual, predicted = window.residual_square.item(column), window.predicted_square.item(column)
-                    if name in self._segments and not math.isnan(residual):
-                        self._test(name, window.begin_ns, residual, predicted)
+            rows = np.concatenate([frames.residual_mps2, frames.accel_mps2[:, 1:]], axis=1)
+            for window in self._windows.push(frames.stamps_ns, rows):
+                self.test(window.begin_ns, *squares_of(window))
+
+    def test(self, begin_ns: int, residual_square: Floats, predicted_squares: Floats) -> None:
+        """Test one window by the mean squares of its residual (5,) and prediction (6, 5); see `squares_of`."""
+        for column, name in enumerate(MEASURED_SEGMENTS):
+            if name in self._segments and not math.isnan(residual_square[column]):
+                self._test(self._segments[name], begin_ns, residual_square.item(column), predicted_squares[:, column])
 
     def misfits(self) -> list[Misfit]:
         """All times of misfit, by their beginning."""
@@ -134,23 +95,43 @@ class FitMonitor:
 
     def lasting(self) -> list[Misfit]:
         """The misfits of now."""
-        return [Misfit(name, one.began_ns, None, _ratio(one)) for name, one in self._segments.items() if one.failing]
+        return [Misfit(one.name, one.began_ns, None, _ratio(one)) for one in self._segments.values() if one.failing]
 
-    def _test(self, name: str, begin_ns: int, residual: float, predicted: float) -> None:
-        one = self._segments[name]
-        score = max(-LARGEST_SCORE, min(LARGEST_SCORE, one.law.score(residual, predicted)))
-        if predicted > (MOVING * one.law.noise_mps2) ** 2:
-            one.recent.append(score)
+    def _test(self, one: _Segment, begin_ns: int, residual: float, predicted: Floats) -> None:
+        s, usual = self._settings, one.law.square(predicted)
+        score = max(-s.largest_score, min(s.largest_score, one.law.score(residual, predicted)))
         if one.total == 0.0 and not one.failing:
             one.began_ns, one.squares = begin_ns, (0.0, 0.0)
-        one.squares = one.squares[0] + residual, one.squares[1] + one.law.square(predicted)
-        one.total = max(0.0, one.total + score - ALLOWANCE)
+        one.squares = one.squares[0] + residual, one.squares[1] + usual
+        one.total = max(0.0, one.total + score - s.allowance)
         if not one.failing:
-            one.failing = one.total > THRESHOLD
+            one.failing = one.total > s.threshold
             one.recent.clear()
-        elif len(one.recent) == RECENT and sum(one.recent) < RECENT * ALLOWANCE:
-            self._ended.append(Misfit(name, one.began_ns, begin_ns + WINDOW_NS, _ratio(one)))
+            return
+        if float(predicted.sum()) > s.moving**2 * one.law.square(_REST):
+            one.recent.append(score)
+        while len(one.recent) > s.recent:
+            one.recent.popleft()
+        if len(one.recent) == s.recent and sum(one.recent) < s.recent * s.allowance:
+            self._ended.append(Misfit(one.name, one.began_ns, begin_ns + WINDOW_NS, _ratio(one)))
             one.failing, one.total = False, 0.0
+
+
+_REST: Final = np.zeros(N_BANDS)
+
+
+def squares_of(window: Window) -> tuple[Floats, Floats]:
+    """Mean squares of the residual (5,) and, by band, of the prediction (6, 5); NaN where too little was compared.
+
+    The rows of the window are residual and measurement (n, 10).
+    """
+    residual, measured = np.hsplit(window.rows, 2)
+    missing = np.isnan(residual)
+    residual, predicted = np.where(missing, 0.0, residual), np.where(missing, 0.0, residual + measured)
+    known = 1.0 - missing.mean(axis=0)
+    square = octave_squares(residual, window.rate_hz).sum(axis=0)
+    scale = np.where(known >= LEAST_COVERED, 1.0 / np.maximum(known, LEAST_COVERED), np.nan)
+    return square * scale, octave_squares(predicted, window.rate_hz) * scale
 
 
 def _ratio(one: _Segment) -> float:

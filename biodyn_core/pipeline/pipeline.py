@@ -42,6 +42,7 @@ from biodyn_core.pipeline.frames import (
     joined,
 )
 from biodyn_core.pipeline.interleaving import in_turns
+from biodyn_core.pipeline.intervals import prediction_spread
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_core.pipeline.prediction import SeatPredictor
 from biodyn_core.pipeline.run_status import NO_LATENCY, Latency, RunStatus
@@ -57,7 +58,7 @@ class Pipeline:
 
     gravity: of sensors whose whole record was searched for rest, as is possible offline.
     conditioners, timelines, counter and predictor (None until the seat's rate is known) are the stages. fit_monitor
-    tests the residual; not_monitored: why it does not, empty if it does.
+    tests the residual; not_monitored: why it does not, empty if it does. no_interval: why predictions have none.
     """
 
     def __init__(
@@ -82,6 +83,7 @@ class Pipeline:
         self.predictor: SeatPredictor | None = None
         laws, self.not_monitored = usual_residuals(subject.provenance)
         self.fit_monitor = FitMonitor(laws)
+        self._spread, self.no_interval = prediction_spread(subject)
         self._chain = Chain.of(subject)
         self._early = EarlyBlocks(2.0 * self.settings.wait_s)
         self._whole_runs: list[tuple[str, Block]] = []
@@ -138,7 +140,7 @@ class Pipeline:
 
     def new_predictor(self, rate_hz: float) -> SeatPredictor:
         """A predictor at rest whose figures start at zero."""
-        return SeatPredictor(self._chain, rate_hz, self.settings.wait_s, self.settings.window_s)
+        return SeatPredictor(self._chain, rate_hz, self.settings.wait_s, self.settings.window_s, self._spread)
 
     def _compare(self, sensor: str, blocks: list[Block]) -> MeasuredFrames:
         if self.predictor is None:

@@ -17,6 +17,7 @@ from biodyn_core.exposure.joint_forces import JointForce, JointForceMeter
 from biodyn_core.exposure.meters import Dose, DoseMeter, Meter
 from biodyn_core.exposure.sensor_meters import Batch, resume_meter
 from biodyn_core.pipeline.comparison import Comparison
+from biodyn_core.pipeline.intervals import IntervalEstimator, PredictionSpread, SegmentSpread
 
 MAX_STRETCH_M: Final = 0.2
 """No joint of a seated body deforms so far; a chain beyond it has left the range of its laws."""
@@ -35,10 +36,13 @@ BLOCK_AFTER_DIVERGENCE: Final = 64
 class SeatPredictor:
     """Predict the segments from the seat, count the predictions, and feed the comparison.
 
-    divergences: samples at which the model left its range, in all; unpredicted: the same since reset.
+    divergences: samples at which the model left its range, in all; unpredicted: the same since reset. intervals: None
+    without a spread of the predictions.
     """
 
-    def __init__(self, chain: Chain, rate_hz: float, wait_s: float, window_s: float) -> None:
+    def __init__(
+        self, chain: Chain, rate_hz: float, wait_s: float, window_s: float, spread: PredictionSpread | None = None
+    ) -> None:
         self.stepper = Stepper(chain, rate_hz)
         self.divergences = 0
         self.unpredicted = 0
@@ -47,6 +51,7 @@ class SeatPredictor:
         self.doses = DoseMeter("Wk", rate_hz, N_SEGMENTS, window_s)
         # Forces under `cascade` would be those of a body three times as heavy.
         self.forces = JointForceMeter(rate_hz, N_SEGMENTS, window_s) if chain.mass_matrix_form == "segment" else None
+        self.intervals = IntervalEstimator(spread, rate_hz, window_s) if spread else None
         self._accel_batch, self._force_batch = Batch(), Batch()
 
     def push(self, block: Block) -> tuple[Floats, Floats]:
@@ -59,6 +64,8 @@ class SeatPredictor:
         accel, motion = self._predict(block.low_passed_mps2)
         self.seat_peak_mps2 = max(self.seat_peak_mps2, _peak(block.low_passed_mps2))
         self._count(accel, motion)
+        if self.intervals:
+            self.intervals.push(block, accel)
         self.comparison.seat(block, accel)
         return accel, motion
 
@@ -100,6 +107,8 @@ class SeatPredictor:
         self._count_all()
         for meter in self._of_predictions:
             meter.reset()
+        if self.intervals:
+            self.intervals.reset()
         self.comparison.reset()
         self.unpredicted = 0
         self.seat_peak_mps2 = 0.0
@@ -116,6 +125,10 @@ class SeatPredictor:
         self._count_all()
         found = self.forces.rolling() if rolling else self.forces.since_reset()
         return {name: force for name, force in zip(SEGMENTS, found, strict=True) if force.seconds > 0.0}
+
+    def spreads(self, rolling: bool) -> dict[str, SegmentSpread]:
+        """Spreads of the predicted figures by segment; empty without an interval, and before the first second."""
+        return self.intervals.spreads(rolling) if self.intervals else {}
 
     def measured(self, rolling: bool, sensors: tuple[str, ...]) -> dict[str, Dose]:
         """Doses of the low-passed measurements on the seat's grid, for the sensors named."""
@@ -151,8 +164,10 @@ class SeatPredictor:
     def _meters(self) -> dict[str, Meter[Any]]:
         c = self.comparison
         forces: dict[str, Meter[Any]] = {} if self.forces is None else {"joint_forces": self.forces}
+        spread: dict[str, Meter[Any]] = {} if self.intervals is None else {"spread": self.intervals.meter}
         return {
-            "predicted": self.doses, "measured": c.doses, "residual": c.residual, "compared": c.compared, **forces
+            "predicted": self.doses, "measured": c.doses, "residual": c.residual, "compared": c.compared, **forces,
+            **spread,
         }  # fmt: skip
 
     @property

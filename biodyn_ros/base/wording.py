@@ -26,6 +26,13 @@ LIFTS_OFF: Final = "The tension between seat and pelvis exceeds the static weigh
 
 FORCES_NOT_MEASURED: Final = "no force in people was measured to compare them with"
 
+INTERVAL_MEANS: Final = (
+    "95 % interval of the true figure, from the residual in events that the subject was not fitted to, and from the"
+    " uncertainty of its parameters."
+)
+
+INTERVAL_OF_BOUND: Final = "The interval of a lower bound is that of the counted part."
+
 UNITS_TYPESET: Final = {"m/s^2": "m/s²", "m/s^1.75": "m/s¹·⁷⁵", "m/s^1.5": "m/s¹·⁵"}
 """Units in messages (terminal, JSON), and their form on pages."""
 
@@ -46,6 +53,11 @@ def left_range(samples: int) -> str:
 def misfit_line(segment: str, since: str, ratio: float) -> str:
     """A segment that the model does not fit, with the residual's rms over the usual one."""
     return f"{words(segment)}: {DOES_NOT_FIT} {since}, {number(ratio)} times what is usual"
+
+
+def ends(interval: tuple[float, float]) -> str:
+    """Both ends of an interval: 0.410 to 0.500."""
+    return f"{number(interval[0])} to {number(interval[1])}"
 
 
 def with_interval(value: float | None, lower: float | None, upper: float | None) -> tuple[str, str, str]:

@@ -13,7 +13,9 @@ from biodyn_ros.reports.downsampling import BIN_NS
 HISTORY_S: Final = 60.0
 BIN_S: Final = 1e-9 * BIN_NS
 HISTORY_BINS: Final = round(HISTORY_S / BIN_S)
-STREAMS: Final = ("predicted", "measured")
+STREAMS: Final = {"predicted": HISTORY_BINS, "measured": HISTORY_BINS, "error": round(HISTORY_S)}
+"""Bins of the last minute by stream; those of `error`, the interval of true minus predicted, are seconds."""
+
 MAX_CHARACTERS: Final = 1_000_000
 """A snapshot has about ten thousand; a longer text is not from the node."""
 
@@ -40,7 +42,7 @@ class Hub:
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return
         for name, bins in streams:
-            history = self._history.setdefault(name, deque(maxlen=HISTORY_BINS))
+            history = self._history.setdefault(name, deque(maxlen=STREAMS[name]))
             for each in bins:
                 if history and not 0.0 < each[0] - history[-1][0] <= HISTORY_S:
                     history.clear()  # another clock, a restarted bag, or a long gap

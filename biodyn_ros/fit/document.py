@@ -7,8 +7,8 @@ from typing import Any
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS
+from biodyn_core.body import parameter_spread, usual_residual
 from biodyn_core.body.subject import Subject
-from biodyn_core.body.usual_residual import PROVENANCE
 from biodyn_core.identification.fit import Fit, mean_percent
 from biodyn_core.identification.problem import Errors
 from biodyn_core.identification.profiles import Profile
@@ -83,12 +83,19 @@ def provenance(report: Report) -> Document:
         "seat_peak_mps2": max(event.case.seat_peak_mps2 for event in report.fitted),
         "intervals": {estimate.name: [float(estimate.lower), float(estimate.upper)] for estimate in estimates},
         "identifiable": {estimate.name: estimate.identifiability for estimate in estimates},
-        **(
-            {PROVENANCE: {name: law.to_dict() for name, law in usual.items()}}
-            if (usual := report.usual_residual)
-            else {}
-        ),
+        **_of_predictions(report),
     }
+
+
+def _of_predictions(report: Report) -> Document:
+    """The errors of predictions: of the joint result, as far as they are known."""
+    found: Document = {}
+    if report.usual_residual:
+        found[usual_residual.PROVENANCE] = {name: law.to_dict() for name, law in report.usual_residual.items()}
+    if report.result == "joint":
+        spread = parameter_spread.ParameterSpread(report.uncertainty.names, report.uncertainty.covariance)
+        found[parameter_spread.PROVENANCE] = spread.to_dict()
+    return found
 
 
 def _origin(event: FitEvent) -> Document:

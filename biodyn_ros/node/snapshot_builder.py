@@ -5,14 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Iterable
 from dataclasses import asdict, replace
+from itertools import takewhile
 from typing import Any, Final
 
+import numpy as np
+
 from biodyn_core.base.segments import HEAD, N_SEGMENTS, N_SENSORS, SEAT, SEGMENTS, SENSORS
+from biodyn_core.exposure.figure_spread import NORMAL_95
 from biodyn_core.exposure.limit_assessment import SeatExposure
 from biodyn_core.exposure.limits import LimitSet, Measure
 from biodyn_core.exposure.losses import Losses
 from biodyn_core.pipeline.exposure import Exposure
 from biodyn_core.pipeline.frames import Frames, joined
+from biodyn_core.pipeline.intervals import AccelSpread
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.shocks import Shock, Shocks
 from biodyn_ros import __version__
@@ -22,6 +27,7 @@ from biodyn_ros.node.health import ERROR, SILENT_AFTER_S, Mark, Status
 from biodyn_ros.reports.downsampling import Bins, MinMaxDownsampler
 from biodyn_ros.reports.exposure_json import dri_document
 from biodyn_ros.reports.exposure_report import ChannelExposure
+from biodyn_ros.reports.intervals import figure_interval, force_intervals
 from biodyn_ros.reports.meter import meter_readings
 from biodyn_ros.reports.verdict import KINDS, left, seat_verdict
 
@@ -43,6 +49,7 @@ class SnapshotBuilder:
         self._shocks = Shocks(shock_mps2)
         self._predicted, self._measured = MinMaxDownsampler(N_SEGMENTS), MinMaxDownsampler(N_SENSORS)
         self._bins: dict[str, Bins] = {}
+        self._last_spread: AccelSpread | None = None
 
     def add(self, frames: Frames) -> None:
         """Add one push's frames; they must not be written to afterwards."""
@@ -77,13 +84,28 @@ class SnapshotBuilder:
             "meter": asdict(readings) if (readings := meter_readings(seat, channel)) else None,
             "rows": _rows(rolling, by_name, bounds),
             "prediction": _status(by_name["prediction"]) | {"extrapolated": extrapolated},
+            "no_interval": pipeline.no_interval or None,
             "fit": _fit(pipeline),
             "exposure": _status(by_name["exposure"]) if "exposure" in by_name else None,
             "dri": dri_document(since.dri, seat_losses.lower_bound),
             "shocks": [_shock(shock, bounds) for shock in self._shocks.latest()],
-            "strip": {name: _strip(bins) for name, bins in self._bins.items()},
+            "strip": {name: _strip(bins) for name, bins in self._bins.items()} | self._errors(pipeline),
             "marks": [asdict(mark) for mark in marks],
         }
+
+    def _errors(self, pipeline: Pipeline) -> dict[str, Any]:
+        """The seconds since the last snapshot with the 95 % interval of true minus predicted acceleration, as a strip.
+
+        A second follows its bins, when it is complete.
+        """
+        intervals = pipeline.predictor and pipeline.predictor.intervals
+        recent = list(intervals.recent) if intervals else []
+        new = list(takewhile(lambda one: one is not self._last_spread, reversed(recent)))[::-1]
+        if not new:
+            return {}
+        self._last_spread = new[-1]
+        half_mps2 = NORMAL_95 * np.array([one.accel_mps2 for one in new])
+        return {"error": _strip(Bins(np.array([one.begin_ns for one in new]), -half_mps2, half_mps2))}
 
 
 def _seat_fault(statuses: dict[str, Status]) -> str:
@@ -140,13 +162,13 @@ def _rows(rolling: Exposure, statuses: dict[str, Status], lower_bounds: Containe
     """From the head down: weighted acceleration of the window, measured and predicted, and each sensor's status.
 
     Both figures of a segment, their ratios to the seat and the residual are over the same samples. The peaks of force
-    are of the joint below the segment. lower_bounds: the sensors whose means are lower bounds.
+    are of the joint below the segment. Intervals are 95 %. lower_bounds: the sensors whose means are lower bounds.
     """
     rows = []
     for name in ROWS:
         found, model, seat_mps2 = _compared_mps2(rolling, name)
         rms_mps2, percent = rolling.residual.get(name, (None, None))
-        force = rolling.joint_forces.get(name)
+        force, spread = rolling.joint_forces.get(name), rolling.spreads.get(name)
         rows.append(
             {
                 "name": words(name),
@@ -154,9 +176,11 @@ def _rows(rolling: Exposure, statuses: dict[str, Status], lower_bounds: Containe
                 "measured_lower_bound": name in lower_bounds,
                 "predicted_mps2": model,
                 "predicted_lower_bound": SEAT in lower_bounds,
+                "predicted_interval_mps2": figure_interval(model, spread.accel.of_means) if model and spread else None,
                 "measured_ratio": _ratio(found, seat_mps2) if name != SEAT else None,
                 "predicted_ratio": _ratio(model, seat_mps2),
                 "compression_n": force.compression_n if force else None,
+                "compression_interval_n": force_intervals(force, spread).compression_interval_n if force else None,
                 "tension_n": force.tension_n if force else None,
                 "residual_mps2": rms_mps2,
                 "residual_percent": percent if percent is not None and math.isfinite(percent) else None,

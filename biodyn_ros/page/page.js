@@ -30,6 +30,10 @@ function whole(value) {
   return value === null ? "–" : value.toFixed(0);
 }
 
+function interval(ends, format) {
+  return ends === null ? "" : ends.map(format).join("–");
+}
+
 function clock(seconds) {
   return seconds > 1e9 ? new Date(1000 * seconds).toLocaleTimeString() : `${seconds.toFixed(1)} s`;
 }
@@ -114,7 +118,8 @@ function bounds(of) {
   const why = of.meter && of.meter.bounds ? of.meter.bounds : "";
   explain($("band"), why || "≥ means at least.");
   explain($("meter"), why || "≥ means at least.");
-  explain($("body"), "≥ means at least: samples clipped or stuck since reset.");
+  const part = of.no_interval === null ? " The interval of a lower bound is that of the counted part." : "";
+  explain($("body"), `≥ means at least: samples clipped or stuck since reset.${part}`);
   explain($("ride"), "≥ means at least: samples missing, clipped or stuck since reset.");
 }
 
@@ -157,10 +162,12 @@ function segment(of, most) {
   const values = element("span", "values");
   values.append(element("span", "", least(of.measured_lower_bound, short(of.measured_mps2))));
   values.append(element("span", "model", of.name === "seat" ? "" : least(of.predicted_lower_bound, short(of.predicted_mps2))));
+  values.append(element("small", "", interval(of.predicted_interval_mps2, short)));
   const ratio = element("span", "ratio");
   if (of.name !== "seat") ratio.append(
     element("span", "", `T ${short(of.measured_ratio)} / ${short(of.predicted_ratio)}`),
     element("span", "model", `F ${least(of.predicted_lower_bound, whole(of.compression_n))} / ${whole(of.tension_n)}`),
+    element("small", "", interval(of.compression_interval_n, whole)),
   );
   made.append(sign, name, bars, values, ratio);
   return made;
@@ -285,6 +292,8 @@ function draw() {
   for (const { from, to } of lines) stroke(pen, ...from, ...to);
   pen.fillStyle = colour("--area");
   for (const bin of measured) bar(pen, place, bin);
+  pen.fillStyle = colour("--interval");
+  for (const run of runs(widened(predicted, row.predicted_column))) outline(pen, place, run);
   // The gaps of the dashes show the measurement under an overlapping line.
   curves(pen, place, measured, { colour: colour("--measured"), width: 2.4, dashes: [] });
   curves(pen, place, predicted, { colour: colour("--predicted"), width: 1.8, dashes: [6, 6] });
@@ -302,6 +311,26 @@ function curves(pen, place, bins, style) {
 function line(bins, column) {
   if (column === null) return [];
   return bins.filter((bin) => bin.low[column] !== null).map((bin) => ({ begin: bin.begin, low: bin.low[column], high: bin.high[column] }));
+}
+
+// The bins with a known interval of the true acceleration, from its lowest to its highest value.
+function widened(bins, column) {
+  const errors = new Map(line(minute.error ?? [], column).map((error) => [error.begin, error]));
+  return bins.flatMap(({ begin, low, high }) => {
+    const error = errors.get(Math.floor(begin + BIN_S / 2));
+    return error ? [{ begin, low: low + error.low, high: high + error.high }] : [];
+  });
+}
+
+function runs(bins) {
+  const found = [];
+  let before = -Infinity;
+  for (const bin of bins) {
+    if (bin.begin - before > 1.5 * BIN_S) found.push([]);
+    found[found.length - 1].push(bin);
+    before = bin.begin;
+  }
+  return found;
 }
 
 // Lines of the grid, each with its label in the margin: levels on the left, times below.
@@ -343,15 +372,22 @@ function bar(pen, place, bin) {
 }
 
 function trace(pen, place, bins, side) {
-  pen.beginPath();
-  let before = -Infinity;
-  for (const bin of bins) {
-    const [x, y] = [place.x(bin.begin + BIN_S / 2), place.y(bin[side])];
-    if (bin.begin - before > 1.5 * BIN_S) pen.moveTo(x, y);
-    else pen.lineTo(x, y);
-    before = bin.begin;
+  for (const run of runs(bins)) {
+    pen.beginPath();
+    for (const bin of run) pen.lineTo(...point(place, bin, side));
+    pen.stroke();
   }
-  pen.stroke();
+}
+
+function outline(pen, place, run) {
+  pen.beginPath();
+  for (const bin of run) pen.lineTo(...point(place, bin, "high"));
+  for (const bin of [...run].reverse()) pen.lineTo(...point(place, bin, "low"));
+  pen.fill();
+}
+
+function point(place, bin, side) {
+  return [place.x(bin.begin + BIN_S / 2), place.y(bin[side])];
 }
 
 // --- updates -----------------------------------------------------------------------------------------------------
@@ -364,6 +400,7 @@ function show(of) {
   facts(of);
   bounds(of);
   draw();
+  document.body.classList.toggle("intervals", of.no_interval === null);
   for (const window of document.querySelectorAll(".window")) window.textContent = `${of.window_s} s`;
   $("terms").textContent = terms(of);
 }
@@ -379,7 +416,13 @@ function terms(of) {
   return `${why} Subject ${of.subject} (${of.mass_matrix}). Rolling window ${of.window_s} s. Limits of ${limits.source}, action / limit: `
     + `A(8) ${pair("a8_mps2", "m/s²")}, VDV ${pair("vdv_mps175", "m/s¹·⁷⁵")}; assessed from the seat only, since reset`
     + `${of.seat ? `, ${number(of.seat.counted_s)} s counted, ${number(of.seat.missing_s)} s missing` : ""}. `
-    + `Predictions come from a model and are not measurements.${model} Model: ${of.prediction.message}.${kept} biodyn ${of.version}.`;
+    + `Predictions come from a model and are not measurements.${model} ${intervals(of)} Model: ${of.prediction.message}.${kept} biodyn ${of.version}.`;
+}
+
+function intervals(of) {
+  if (of.no_interval !== null) return `Predictions for ${of.subject} have no 95 % interval: ${of.no_interval}.`;
+  return "Small figures and the light band: 95 % interval of the true figure or acceleration, from the residual in events"
+    + " that the subject was not fitted to, and from the uncertainty of its parameters. The band of a second is drawn when the second is over.";
 }
 
 function checkAge() {

@@ -40,7 +40,10 @@ def replay_page(report: ExposureReport, traces: Traces) -> str:
         made_by_model=MADE_BY_MODEL,
         version=__version__,
         flagged=seat is not None and any(ratio.exceeded for ratio in seat.shock_ratios),
-        joints=[(JOINT_NAMES[name], joint) for name, joint in reversed(report.joint_forces.items())],
+        joints=[
+            (JOINT_NAMES[name], joint, report.force_intervals(name))
+            for name, joint in reversed(report.joint_forces.items())
+        ],
         forces_not_measured=FORCES_NOT_MEASURED,
         lifts_off=LIFTS_OFF,
         segments=[name for name in SEGMENTS if name in report.predicted],
@@ -89,7 +92,8 @@ def _doses(report: ExposureReport) -> list[Pair]:
             _vdv(channels.get(name)) for channels in (report.measured_low_passed, report.predicted)
         )
         note = ", not measured" if measured is None else ""
-        rows.append(Pair(words(name), measured, predicted, measured_bound, predicted_bound, note))
+        interval = report.dose_intervals(name).vdv_interval_mps175 if name in report.predicted else None
+        rows.append(Pair(words(name), measured, predicted, measured_bound, predicted_bound, note, interval))
     return rows
 
 

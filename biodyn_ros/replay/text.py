@@ -11,14 +11,17 @@ from biodyn_ros.base.wording import (
     LIFTS_OFF,
     bound,
     duration,
+    ends,
     misfit_line,
     number,
     sentence,
     span,
     table,
+    words,
 )
 from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.reports.exposure_report import ChannelExposure, ExposureReport, MisfitTime
+from biodyn_ros.reports.intervals import Interval
 from biodyn_ros.reports.verdict import HORIZONTAL, KINDS, ZONE, shocks, time_left
 
 
@@ -37,6 +40,7 @@ def summary(report: ExposureReport) -> str:
         f"{'':14s}{'m/s^2':>9s}{'m/s^1.75':>11s}{'aw m/s^2':>12s}{'m/s^1.75':>11s}{'m/s^2':>15s}{'%':>9s}",
         *(_row(name, report) for name in dict.fromkeys([*report.sensors, *report.predicted])),
         "",
+        *_interval_lines(report),
         *_joint_lines(report),
         *_misfit_lines(report),
         "aw and VDV: Wk, vertical, before the low-pass. Predictions are a model's: not validated.",
@@ -101,6 +105,35 @@ def _injury_lines(report: ExposureReport) -> list[str]:
             f"{number(hic.vertical)} vertical, {number(hic.as_printed)} with 1 g as printed"
         )
     return lines
+
+
+def _interval_lines(report: ExposureReport) -> list[str]:
+    """The predictions with their 95 % intervals, from the head down."""
+    if not report.predicted:
+        return []
+    if report.no_interval:
+        return [*report.interval_notes, ""]
+    title = ("predicted, with 95 % interval", "aw, m/s^2", "VDV, m/s^1.75", "compression below, N")
+    rows = [_interval_row(name, report) for name in reversed(report.predicted)]
+    return [*table([title, *rows], left=(0,)), *report.interval_notes, ""]
+
+
+def _interval_row(name: str, report: ExposureReport) -> tuple[str, ...]:
+    (aw, vdv), intervals = _aw_and_vdv(report.predicted[name]), report.dose_intervals(name)
+    compression, compression_interval_n = number(None), None
+    if joint := report.joint_forces.get(name):
+        compression = bound(joint.force.compression_n, joint.losses.lower_bound)
+        compression_interval_n = report.force_intervals(name).compression_interval_n
+    return (
+        words(name),
+        _with_ends(aw, intervals.aw_interval_mps2),
+        _with_ends(vdv, intervals.vdv_interval_mps175),
+        _with_ends(compression, compression_interval_n),
+    )
+
+
+def _with_ends(figure: str, interval: Interval | None) -> str:
+    return figure if interval is None else f"{figure} ({ends(interval)})"
 
 
 def _joint_lines(report: ExposureReport) -> list[str]:

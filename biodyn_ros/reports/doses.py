@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple
 from biodyn_core.exposure.injury import DRI_BANDS
 from biodyn_ros.base.wording import bound
 from biodyn_ros.reports.drawing import MEASURED_COLOUR, PREDICTED_COLOUR, SOFT_COLOUR, drawn
+from biodyn_ros.reports.intervals import Interval
 
 VDV_LABEL: Final = "VDV, Wk-weighted, vertical, m/s¹·⁷⁵"
 
@@ -17,9 +18,14 @@ _STYLES: Final[dict[str, Any]] = {
     "predicted": {"facecolor": "#ffe3d3", "edgecolor": PREDICTED_COLOUR, "hatch": "////", "lw": 0.8},
 }
 
+_ERROR_BAR: Final[dict[str, Any]] = {"ecolor": MEASURED_COLOUR, "elinewidth": 1.1, "capsize": 3.0, "fmt": "none"}
+
 
 class Pair(NamedTuple):
-    """A row of bars: label, measured and predicted value (None: not known), and whether they are lower bounds."""
+    """A row of bars: label, measured and predicted value (None: not known), and whether they are lower bounds.
+
+    predicted_interval: the 95 % interval of the prediction, drawn as an error bar.
+    """
 
     label: str
     measured: float | None
@@ -27,6 +33,7 @@ class Pair(NamedTuple):
     measured_bound: bool = False
     predicted_bound: bool = False
     note: str = ""
+    predicted_interval: Interval | None = None
 
 
 def doses(rows: Sequence[Pair], label: str) -> Any:
@@ -55,17 +62,21 @@ def injury(dri: Sequence[Pair], hic: Sequence[Pair]) -> Any:
 
 
 def _pairs(axes: Any, rows: Sequence[Pair], label: str, sides: bool = True) -> None:
-    known = [value for row in rows for value in row[1:3] if value is not None]
-    span = max(known, default=0.0) or 1.0
+    span = _span(rows)
     for place, row in enumerate(rows):
-        both = (("measured", row.measured, row.measured_bound), ("predicted", row.predicted, row.predicted_bound))
+        both = (
+            ("measured", row.measured, row.measured_bound, None),
+            ("predicted", row.predicted, row.predicted_bound, row.predicted_interval),
+        )
         here = [side for side in both if side[1] is not None]
-        for number, (side, value, lower) in enumerate(here):
+        for number, (side, value, lower, interval) in enumerate(here):
             at = place + (0.2 * (2 * number - 1) if len(here) == 2 else 0.0)
             axes.barh(at, value, height=0.36, **_STYLES[side])
+            if interval:
+                _draw_interval(axes, value, at, interval)
             _write(
                 axes,
-                value + 0.01 * span,
+                (interval[1] if interval else value) + 0.01 * span,
                 at,
                 f"{bound(value, lower)}{f' {side}' if sides else ''}{row.note}",
                 MEASURED_COLOUR,
@@ -78,6 +89,17 @@ def _pairs(axes: Any, rows: Sequence[Pair], label: str, sides: bool = True) -> N
     axes.set_xlabel(label, color=SOFT_COLOUR)
     axes.grid(visible=False, axis="y")
     axes.tick_params(length=2.5, width=0.6)
+
+
+def _draw_interval(axes: Any, value: float, place: float, interval: Interval) -> None:
+    lower, upper = interval
+    axes.errorbar(value, place, xerr=[[value - lower], [upper - value]], **_ERROR_BAR)
+
+
+def _span(rows: Sequence[Pair]) -> float:
+    """The largest value or end of an interval."""
+    ends = (value for row in rows for value in (row.measured, row.predicted, *(row.predicted_interval or ())))
+    return max((value for value in ends if value is not None), default=0.0) or 1.0
 
 
 def _write(axes: Any, x: float, y: float, text: str, colour: str) -> None:

@@ -34,7 +34,10 @@ def exposure_document(report: ExposureReport) -> Document:
         "limits": report.limits.deciding.to_dict(),
         "limits_beside": _additional_limits(report.limits, report.seat),
         "sensors": _channels(report.sensors),
-        "predicted": {name: figures | status for name, figures in _channels(report.predicted).items()},
+        "predicted": {
+            name: figures | report.dose_intervals(name)._asdict() | status
+            for name, figures in _channels(report.predicted).items()
+        },
         "measured_low_passed": _channels(report.measured_low_passed),
         "also_weighted": {weighting: _channels(channels) for weighting, channels in report.also_weighted.items()},
         "seat": _seat(report.seat, report.msdv_mps15) if report.seat else None,
@@ -45,7 +48,11 @@ def exposure_document(report: ExposureReport) -> Document:
             name: {"nrmse_rms_percent": residual.nrmse_rms_percent, "rms_mps2": residual.rms_mps2}
             for name, residual in report.residual.items()
         },
-        "joint_forces": {name: _joint(name, found) | status for name, found in report.joint_forces.items()},
+        "joint_forces": {
+            name: _joint(name, found) | report.force_intervals(name)._asdict() | status
+            for name, found in report.joint_forces.items()
+        },
+        "no_interval": report.no_interval or None,
         "body_mass_kg": report.body_mass_kg,
         "lifts_off": report.lifts_off,
         "misfits": [one._asdict() for one in report.misfits],

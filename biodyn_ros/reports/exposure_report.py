@@ -18,10 +18,12 @@ from biodyn_core.exposure.limit_assessment import SeatExposure
 from biodyn_core.exposure.limits import Limits
 from biodyn_core.exposure.losses import Losses
 from biodyn_core.exposure.meters import Dose
+from biodyn_core.pipeline.intervals import SegmentSpread
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.run_status import RunStatus
-from biodyn_ros.base.wording import MODEL, left_range, stuck
+from biodyn_ros.base.wording import INTERVAL_MEANS, INTERVAL_OF_BOUND, MODEL, left_range, stuck
 from biodyn_ros.reading.marks import Mark
+from biodyn_ros.reports.intervals import DoseIntervals, ForceIntervals, dose_intervals, force_intervals
 
 EDGE_S: Final = 0.1
 """Part of a comparison that may lack its sensor at the start and end of a record, at rest."""
@@ -67,8 +69,9 @@ class ExposureReport:
 
     sensors: Wk-weighted, before the low-pass. predicted and measured_low_passed: comparable with each other.
     also_weighted: by weighting and sensor. seat: None before it has counted. joint_forces: predicted, by the segment
-    above the joint. not_monitored: why misfits are not searched for, empty if they are. warnings to is_made_by_model:
-    of the bag; times: the stamps used, by sensor.
+    above the joint. spreads: of the predicted figures, by segment; no_interval: why there is none, empty if there are.
+    not_monitored: why misfits are not searched for, empty if they are. warnings to is_made_by_model: of the bag; times:
+    the stamps used, by sensor.
     """
 
     bag: str
@@ -91,6 +94,8 @@ class ExposureReport:
     residual: Mapping[str, Residual]
     joint_forces: Mapping[str, JointExposure]
     body_mass_kg: float
+    spreads: Mapping[str, SegmentSpread] = field(default_factory=dict)
+    no_interval: str = ""
     misfits: Sequence[MisfitTime] = ()
     not_monitored: str = ""
     warnings: Sequence[str] = ()
@@ -102,6 +107,22 @@ class ExposureReport:
     def prediction_status(self) -> str:
         """Held-out errors of a fit are of another vehicle and seat, so no prediction is validated."""
         return "extrapolated" if self.run.is_extrapolating else "not_validated"
+
+    def dose_intervals(self, segment: str) -> DoseIntervals:
+        """The 95 % intervals of a segment's predicted weighted acceleration."""
+        return dose_intervals(self.predicted[segment].dose, self.spreads.get(segment))
+
+    def force_intervals(self, segment: str) -> ForceIntervals:
+        """The 95 % intervals of the predicted force in the joint below a segment."""
+        return force_intervals(self.joint_forces[segment].force, self.spreads.get(segment))
+
+    @property
+    def interval_notes(self) -> list[str]:
+        """What the intervals of the predictions are, or why there are none: sentences."""
+        if self.no_interval:
+            return [f"Predictions for {self.subject} have no 95 % interval: {self.no_interval}."]
+        has_bounds = any(channel.losses.lower_bound for channel in self.predicted.values())
+        return [INTERVAL_MEANS, *([INTERVAL_OF_BOUND] if has_bounds else [])]
 
     @property
     def lifts_off(self) -> bool:
@@ -151,6 +172,8 @@ def exposure_report(pipeline: Pipeline, bag: str = "", project: bool = False) ->
         },
         joint_forces=_joints(since.joint_forces, pipeline.subject, unpredicted),
         body_mass_kg=pipeline.subject.body_mass_kg,
+        spreads=since.spreads,
+        no_interval="" if since.spreads else pipeline.no_interval or "no whole second was predicted",
         misfits=list(_misfits(pipeline)),
         not_monitored=pipeline.not_monitored,
     )

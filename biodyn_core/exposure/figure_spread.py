@@ -1,0 +1,87 @@
+"""Spread of predicted figures: standard deviations of their logarithms, from windows of one second.
+
+Two causes add up in squares. The model misses a share of the motion in each octave band, as in the events that it was
+not fitted to (`UsualResidual`). Its parameters are known within their covariance: neighbouring chains, one standard
+deviation off along independent steps, give other figures, the more so the further a motion goes beyond the fitted ones.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from biodyn_core.base.arrays import Floats
+from biodyn_core.exposure.meters import Meter, Tally
+
+NORMAL_95: Final = 1.959964
+"""Half width of a 95 % interval in standard deviations."""
+
+LEAST: Final = 1e-12
+"""A mean square so small beside another one is zero but for rounding."""
+
+DOSE_FACTOR: Final = 0.41
+PEAK_FACTOR: Final = 0.56
+"""Standard deviation of the logarithm of a mean or VDV, and of a peak, over the expected share of the error.
+
+Calibrated on simulated people whose backgrounds differ from the model (docs/predictions_study.md). Below one, because
+much of a residual is out of phase with the motion, and some of it is the sensors'.
+"""
+
+
+@dataclass(frozen=True)
+class FigureSpread:
+    """Standard deviations of the logarithms of one channel's mean (aw, rms), VDV and peaks."""
+
+    of_means: float
+    of_vdv: float
+    of_peaks: float
+
+
+def interval(value: float, spread: float) -> tuple[float, float]:
+    """The 95 % interval of a figure of positive sign with this standard deviation of its logarithm."""
+    factor = math.exp(NORMAL_95 * spread)
+    return value / factor, value * factor
+
+
+class SpreadMeter(Meter[tuple[FigureSpread | None, ...]]):
+    """`push` windows of one second; read the spreads by channel.
+
+    A window has mean squares of each channel (c,) as predicted, their expected error by the model (c,), and the mean
+    squares of the neighbouring chains (c, k). VDV and peaks weight each window by the square of its mean square.
+    """
+
+    def __init__(self, channels: int, neighbours: int, window_s: float) -> None:
+        self._tally = Tally(1.0, channels, 2 * (2 + neighbours), 2 * (2 + neighbours), window_s)
+
+    def push(self, square: Floats, error: Floats, neighbours: Floats) -> None:
+        """Count one window."""
+        means = np.column_stack([square, error, neighbours])
+        self._tally.bin += np.column_stack([means, square**2, square * error, neighbours**2])
+        self._tally.skip(1.0)
+
+    def skip(self, seconds: float) -> None:
+        """Move on by a break of that length."""
+        self._tally.skip(seconds)
+
+    def _figures(self, rows: Floats, rolling: bool) -> tuple[FigureSpread | None, ...]:
+        return tuple(_figure_spread(*np.split(row, 2)) if row[0] > 0.0 else None for row in rows)
+
+
+def _figure_spread(means: Floats, fourths: Floats) -> FigureSpread:
+    return FigureSpread(
+        spread(means, DOSE_FACTOR, 0.5), spread(fourths, DOSE_FACTOR, 0.25), spread(fourths, PEAK_FACTOR, 0.25)
+    )
+
+
+def spread(sums: Floats, factor: float, root: float) -> float:
+    """Standard deviation of the logarithm of the root of a sum of squares or fourth powers.
+
+    sums (2 + k,): of the figure, of its expected error, and of the figure by the neighbouring chains; factor: of the
+    error; root: 1/2 or 1/4.
+    """
+    square, error, *neighbours = sums.tolist()
+    changes = (root * math.log(max(one, LEAST * square) / square) for one in neighbours)
+    return math.sqrt(factor**2 * error / square + sum(change**2 for change in changes))

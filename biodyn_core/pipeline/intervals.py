@@ -1,0 +1,153 @@
+"""Intervals of predictions: the spread of every predicted figure, and of the acceleration second by second.
+
+A fitted subject has the covariance of its parameters and the usual residual of its held-out events. Both are needed.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from biodyn_core.base.arrays import Floats
+from biodyn_core.base.segments import N_SEGMENTS, SEGMENTS
+from biodyn_core.body.model import Chain, Stepper
+from biodyn_core.body.parameter_spread import largest_steps, neighbours, parameter_spread
+from biodyn_core.body.subject import Subject
+from biodyn_core.body.usual_residual import UsualResidual, usual_residuals
+from biodyn_core.conditioning.conditioned import Block
+from biodyn_core.exposure.figure_spread import FigureSpread, SpreadMeter
+from biodyn_core.exposure.sensor_meters import Batch
+from biodyn_core.pipeline.windows import SecondWindows, Window
+from biodyn_core.signals.octaves import N_BANDS, octave_squares
+
+NEIGHBOURS: Final = 4
+"""Neighbouring chains; more of them change no interval by a tenth (docs/science.md)."""
+
+REMEMBERED: Final = 120
+"""Windows whose spread of the acceleration is remembered, for curves."""
+
+
+class AccelSpread(NamedTuple):
+    """Standard deviation of the predicted acceleration of each segment (6,), m/s^2, in a second from begin_ns."""
+
+    begin_ns: int
+    accel_mps2: Floats
+
+
+class SegmentSpread(NamedTuple):
+    """Spreads of the figures of one segment, and of the force in the joint below it."""
+
+    accel: FigureSpread
+    force: FigureSpread
+
+
+@dataclass(frozen=True, eq=False)
+class PredictionSpread:
+    """Errors of a subject's predictions: chains one standard deviation off, and the share of the motion missed.
+
+    share (6, 6): by band and segment; mass_kg (6,): of the segments.
+    """
+
+    chains: tuple[Chain, ...]
+    share: Floats
+    mass_kg: Floats
+
+
+def prediction_spread(subject: Subject) -> tuple[PredictionSpread | None, str]:
+    """The spread of a subject's predictions, and why there is none, empty if there is."""
+    parameters, no_parameters = parameter_spread(subject.provenance)
+    laws, no_laws = usual_residuals(subject.provenance)
+    if parameters is None or no_laws:
+        return None, no_parameters or no_laws
+    chains = neighbours(subject, largest_steps(subject, parameters, NEIGHBOURS))
+    return PredictionSpread(tuple(chains), _shares(laws), Chain.of(subject).mass_kg), ""
+
+
+def _shares(laws: Mapping[str, UsualResidual]) -> Floats:
+    """The shares (6, 6) by band and segment; a segment without a law has the largest share of those beside it."""
+    known = {SEGMENTS.index(name): np.array(law.share) for name, law in laws.items()}
+    columns = []
+    for segment in range(N_SEGMENTS):
+        nearest = min(abs(other - segment) for other in known)
+        columns.append(np.max([share for other, share in known.items() if abs(other - segment) == nearest], axis=0))
+    return np.column_stack(columns)
+
+
+class IntervalEstimator:
+    """`push` the seat with its predictions; read the `spreads` of the figures, and `recent` ones of the acceleration.
+
+    meter: of the segments' weighted accelerations (6) and of the joint forces (6).
+    """
+
+    def __init__(self, spread: PredictionSpread, rate_hz: float, window_s: float) -> None:
+        self._spread = spread
+        self._steppers = [Stepper(chain, rate_hz) for chain in spread.chains]
+        self._batch, self._windows, self._epoch_ns = Batch(), SecondWindows(), 0
+        self.meter = SpreadMeter(2 * N_SEGMENTS, len(self._steppers), window_s)
+        self.recent: deque[AccelSpread] = deque(maxlen=REMEMBERED)
+
+    def push(self, block: Block, accel_mps2: Floats) -> None:
+        """Add a block of the seat with its predictions (n, 6)."""
+        if block.begins_run:
+            self.count_all()
+            for stepper in self._steppers:
+                stepper.reset()
+            self.meter.skip(block.gap_s)
+        # Nanoseconds since the sensor's first stamp are exact in a float for a hundred days.
+        since_ns = (block.stamps_ns - block.epoch_ns).astype(np.float64)
+        self._epoch_ns = block.epoch_ns
+        self._advance(self._batch.add(np.column_stack([since_ns, block.low_passed_mps2, accel_mps2])))
+
+    def count_all(self) -> None:
+        """Count all samples that still wait."""
+        self._advance(self._batch.take())
+
+    def reset(self) -> None:
+        """Set everything "since reset" to zero."""
+        self.count_all()
+        self.meter.reset()
+
+    def _advance(self, rows: Floats | None) -> None:
+        """Carry the neighbouring chains over the seat's samples, and count the windows that they complete."""
+        if rows is None:
+            return
+        stamps_ns, seat_mps2 = rows[:, 0].astype(np.int64) + self._epoch_ns, np.ascontiguousarray(rows[:, 1])
+        predicted = [rows[:, 2:], *(stepper.push(seat_mps2) for stepper in self._steppers)]
+        for window in self._windows.push(stamps_ns, np.concatenate(predicted, axis=1)):
+            self._count(window)
+
+    def _count(self, window: Window) -> None:
+        accel = window.rows.reshape(len(window.rows), -1, N_SEGMENTS)
+        finite = np.asarray(np.isfinite(accel).all(axis=(0, 2)))
+        for stepper, is_finite in zip(self._steppers, finite[1:], strict=True):
+            if not is_finite:
+                stepper.reset()
+        if not finite.all():
+            return
+        nominal, share, mass_kg = accel[:, 0], self._spread.share, self._spread.mass_kg
+        weighted = octave_squares(window.rows, window.rate_hz, "Wk").reshape(N_BANDS, -1, N_SEGMENTS)
+        errors = share**2 * octave_squares(nominal, window.rate_hz)
+        forces = carried(accel * mass_kg)
+        squares = np.concatenate([weighted.sum(axis=0), np.mean(forces**2, axis=0)], axis=1)
+        # Errors of the segments above a joint may all have one sign.
+        force_errors = (carried(np.sqrt(errors) * mass_kg) ** 2).sum(axis=0)
+        accel_errors = (share**2 * weighted[:, 0]).sum(axis=0)
+        self.meter.push(squares[0], np.append(accel_errors, force_errors), squares[1:].T)
+        changes = np.mean((accel[:, 1:] - accel[:, :1]) ** 2, axis=0).sum(axis=0)
+        self.recent.append(AccelSpread(window.begin_ns, np.sqrt(errors.sum(axis=0) + changes)))
+
+    def spreads(self, rolling: bool) -> dict[str, SegmentSpread]:
+        """The spreads by segment since reset, or over the last `window_s`; without those that no window has counted."""
+        self.count_all()
+        found = self.meter.rolling() if rolling else self.meter.since_reset()
+        pairs = zip(SEGMENTS, found[:N_SEGMENTS], found[N_SEGMENTS:], strict=True)
+        return {name: SegmentSpread(accel, force) for name, accel, force in pairs if accel and force}
+
+
+def carried(of_segments: Floats) -> Floats:
+    """Sums (..., 6) over each segment and those above it."""
+    return np.asarray(np.cumsum(of_segments[..., ::-1], axis=-1)[..., ::-1])

@@ -1,0 +1,56 @@
+"""95 % intervals of the predicted figures of one segment."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from biodyn_core.exposure.figure_spread import interval
+from biodyn_core.exposure.joint_forces import JointForce
+from biodyn_core.exposure.meters import Dose
+from biodyn_core.pipeline.intervals import SegmentSpread
+
+Interval = tuple[float, float]
+"""Lower and upper end."""
+
+
+class DoseIntervals(NamedTuple):
+    """Of a segment's weighted acceleration; None where there is no interval."""
+
+    aw_interval_mps2: Interval | None
+    vdv_interval_mps175: Interval | None
+    peak_interval_mps2: Interval | None
+
+
+class ForceIntervals(NamedTuple):
+    """Of the force in the joint below a segment; None where there is no interval."""
+
+    compression_interval_n: Interval | None
+    tension_interval_n: Interval | None
+    rms_interval_n: Interval | None
+
+
+def dose_intervals(dose: Dose, spread: SegmentSpread | None) -> DoseIntervals:
+    """The intervals of a predicted dose; spread: None if it is not known."""
+    if spread is None:
+        return DoseIntervals(None, None, None)
+    return DoseIntervals(
+        figure_interval(dose.aw_mps2, spread.accel.of_means),
+        figure_interval(dose.vdv_mps175, spread.accel.of_vdv),
+        figure_interval(dose.peak_mps2, spread.accel.of_peaks),
+    )
+
+
+def force_intervals(force: JointForce, spread: SegmentSpread | None) -> ForceIntervals:
+    """The intervals of a predicted joint force; spread: None if it is not known."""
+    if spread is None:
+        return ForceIntervals(None, None, None)
+    return ForceIntervals(
+        figure_interval(force.compression_n, spread.force.of_peaks),
+        figure_interval(force.tension_n, spread.force.of_peaks),
+        figure_interval(force.rms_n, spread.force.of_means),
+    )
+
+
+def figure_interval(value: float, spread: float) -> Interval | None:
+    """The interval of a figure; None for zero, which has no logarithm."""
+    return interval(value, spread) if value > 0.0 else None
