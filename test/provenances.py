@@ -16,7 +16,7 @@ from biodyn_core.signals.octaves import N_BANDS
 
 def with_spread(subject: Subject, share: float = 0.1, spread: float = 0.03, noise_mps2: float = 0.02) -> Subject:
     """The subject with parameters known within e^spread each, and a model that misses a share of every band."""
-    law = UsualResidual((noise_mps2,) * N_BANDS, (share,) * N_BANDS, 0.5, 100)
+    law = UsualResidual((noise_mps2,) * N_BANDS, (share,) * N_BANDS, 100)
     provenance = {
         parameter_spread.PROVENANCE: ParameterSpread(NAMES[:14], spread**2 * np.eye(14)).to_dict(),
         usual_residual.PROVENANCE: {name: law.to_dict() for name in MEASURED_SEGMENTS},

@@ -24,7 +24,7 @@ from biodyn_core.signals.octaves import BAND_NAMES, EDGES_HZ, N_BANDS, octave_sq
 RATE_HZ = 100
 NOISE_MPS2, SHARE = 0.03, 0.1
 WIDTHS_HZ = np.diff([0.0, *EDGES_HZ, RATE_HZ / 2.0])
-LAW = UsualResidual(tuple(NOISE_MPS2 * np.sqrt(WIDTHS_HZ / WIDTHS_HZ.sum())), (SHARE,) * N_BANDS, 0.4, 100)
+LAW = UsualResidual(tuple(NOISE_MPS2 * np.sqrt(WIDTHS_HZ / WIDTHS_HZ.sum())), (SHARE,) * N_BANDS, 100)
 LAWS = dict.fromkeys(MEASURED_SEGMENTS, LAW)
 EPOCH_NS = 1_700_000_000 * 10**9
 
@@ -63,7 +63,7 @@ def test_a_drive_of_the_law_is_silent_for_eight_hours() -> None:
     assert monitored(frames(8 * 3600)).misfits() == []
 
 
-@pytest.mark.parametrize(("factor", "within_s"), [(4.0, 5), (2.0, 15)])
+@pytest.mark.parametrize(("factor", "within_s"), [(4.0, 25), (3.0, 50)])
 def test_a_larger_residual_is_named_with_its_segment_time_and_ratio(factor: float, within_s: int) -> None:
     begin, end, seconds = 300, 400, 600
     factors = step(seconds, begin, end, factor)
@@ -76,6 +76,10 @@ def test_a_larger_residual_is_named_with_its_segment_time_and_ratio(factor: floa
     after = (begin + within_s) * RATE_HZ
     early = MeasuredFrames(*(column[:after] for column in given))
     assert [one.end_ns for one in monitored(early).misfits()] == [None]
+
+
+def test_up_to_twice_the_usual_residual_is_no_misfit() -> None:
+    assert monitored(frames(3600, 6, {"neck": step(3600, 0, 3600, 2.0)})).misfits() == []
 
 
 def test_a_single_shock_is_no_misfit() -> None:
@@ -153,7 +157,6 @@ def test_the_law_is_recovered_from_windows() -> None:
     # The mean of a logarithm is below the logarithm of the mean, the more so in bands of few frequencies.
     np.testing.assert_allclose(law.noise_mps2[2:], LAW.noise_mps2[2:], rtol=0.25)
     np.testing.assert_allclose(law.share[2:], SHARE, rtol=0.25)
-    assert 0.3 <= law.log_spread < 0.6
     assert UsualResidual.of_windows(residual[: LEAST_WINDOWS - 1], predicted[: LEAST_WINDOWS - 1]) is None
 
 
@@ -219,14 +222,14 @@ def test_a_file_without_a_valid_law_says_so_and_predictions_go_on(given_law: Any
 
 def test_the_pipeline_names_a_sensor_that_reads_too_much() -> None:
     """A head that reads 1.5 times its motion, from the first sample on."""
-    law = UsualResidual((0.05,) * N_BANDS, (0.05,) * N_BANDS, 0.4, 50)
+    law = UsualResidual((0.05,) * N_BANDS, (0.05,) * N_BANDS, 50)
     subject = dataclasses.replace(shipped("subject_1"), provenance={PROVENANCE: {n: law.to_dict() for n in LAWS}})
     for factor, expected in ((1.0, []), (1.5, ["head"])):
         streams = [
             dataclasses.replace(s, accel_mps2=s.accel_mps2.mean(0) + factor * (s.accel_mps2 - s.accel_mps2.mean(0)))
             if s.sensor == SENSORS[-1]
             else s
-            for s in noisy_streams(seconds=20.0)
+            for s in noisy_streams(30.0, "road")
         ]
         pipeline = Pipeline(subject)
         run(tuple(streams), in_turn(tuple(streams)), pipeline=pipeline)

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from provenances import with_spread
 from streams import RATE_HZ, noisy_streams, subject
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT, SENSORS
@@ -244,7 +245,7 @@ def test_a_sensor_is_silent_after_half_a_second(name: str, level: int) -> None:
 
 def test_a_segment_that_does_not_fit_is_a_warning_and_a_mark_until_it_fits_again() -> None:
     """The head reads twice its motion from the fifth to the twentieth second."""
-    law = UsualResidual((0.02,) * N_BANDS, (0.05,) * N_BANDS, 0.4, 50).to_dict()
+    law = UsualResidual((0.02,) * N_BANDS, (0.05,) * N_BANDS, 50).to_dict()
     fitted = dataclasses.replace(subject(), provenance={PROVENANCE: dict.fromkeys(MEASURED_SEGMENTS, law)})
     streams = []
     for one in noisy_streams(50.0, "road"):
@@ -271,3 +272,7 @@ def test_a_segment_that_does_not_fit_is_a_warning_and_a_mark_until_it_fits_again
     unknown = Node(noisy_streams())
     unknown.advance(4)
     assert unknown.statuses["prediction"].values["fits"].startswith("unknown: its file has no residual")
+    assert unknown.statuses["prediction"].values["intervals"].startswith("none: its file has no covariance")
+    sure = Node(noisy_streams(), with_spread(subject()))
+    sure.advance(4)
+    assert sure.statuses["prediction"].values["intervals"] == "95 %"

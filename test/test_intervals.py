@@ -20,7 +20,7 @@ from biodyn_core.body.model import Chain
 from biodyn_core.body.parameter_spread import largest_steps, neighbours, parameter_spread
 from biodyn_core.body.usual_residual import PROVENANCE, UsualResidual
 from biodyn_core.conditioning.conditioned import Block
-from biodyn_core.exposure.figure_spread import DOSE_FACTOR, PEAK_FACTOR, FigureSpread, SpreadMeter, interval
+from biodyn_core.exposure.figure_spread import ACCEL_FACTORS, FORCE_FACTORS, FigureSpread, SpreadMeter, interval
 from biodyn_core.exposure.meters import DoseMeter
 from biodyn_core.pipeline.intervals import NEIGHBOURS, IntervalEstimator, SegmentSpread, carried, prediction_spread
 from biodyn_core.pipeline.pipeline import Pipeline
@@ -75,46 +75,48 @@ def test_an_interval_is_a_factor_on_both_sides() -> None:
 
 
 def test_one_window_by_hand() -> None:
-    meter = SpreadMeter(2, 2, 60.0)
+    meter = SpreadMeter([ACCEL_FACTORS, FORCE_FACTORS], 2, 60.0)
     assert meter.since_reset() == (None, None)
-    meter.push(np.array([4.0, 1.0]), np.array([0.04, 0.0]), np.array([[4.0 * math.exp(0.1), 4.0], [1.0, 1.0]]))
+    meter.push(np.array([4.0, 1.0]), np.array([0.04, 0.01]), np.array([[4.0 * math.exp(0.1), 4.0], [1.0, 1.0]]))
     first, second = meter.since_reset()
-    assert first is not None and second == FigureSpread(0.0, 0.0, 0.0)
-    assert first.of_means == pytest.approx(math.hypot(DOSE_FACTOR * 0.1, 0.05))
+    assert first is not None and second is not None
+    expected = FigureSpread(0.1 * FORCE_FACTORS.doses, 0.1 * FORCE_FACTORS.doses, 0.1 * FORCE_FACTORS.peaks)
+    assert vars(second) == pytest.approx(vars(expected))
+    assert first.of_means == pytest.approx(math.hypot(ACCEL_FACTORS.doses * 0.1, 0.05))
     assert first.of_vdv == pytest.approx(first.of_means)
-    assert first.of_peaks == pytest.approx(math.hypot(PEAK_FACTOR * 0.1, 0.05))
+    assert first.of_peaks == pytest.approx(math.hypot(ACCEL_FACTORS.peaks * 0.1, 0.05))
 
 
 def test_vdv_follows_the_strong_windows_and_means_all() -> None:
-    meter = SpreadMeter(1, 0, 60.0)
+    meter = SpreadMeter([ACCEL_FACTORS], 0, 60.0)
     none = np.empty((1, 0))
     for square, error in ((1.0, 0.01), (9.0, 0.81)):
         meter.push(np.array([square]), np.array([error]), none)
     (found,) = meter.since_reset()
     assert found is not None
-    assert found.of_means == pytest.approx(DOSE_FACTOR * math.sqrt(0.82 / 10.0))
-    assert found.of_vdv == pytest.approx(DOSE_FACTOR * math.sqrt((0.01 * 1.0 + 0.81 * 9.0) / (1.0 + 81.0)))
+    assert found.of_means == pytest.approx(ACCEL_FACTORS.doses * math.sqrt(0.82 / 10.0))
+    assert found.of_vdv == pytest.approx(ACCEL_FACTORS.doses * math.sqrt((0.01 * 1.0 + 0.81 * 9.0) / (1.0 + 81.0)))
 
 
 def test_the_rolling_spread_forgets_old_windows() -> None:
-    meter = SpreadMeter(1, 0, 5.0)
+    meter = SpreadMeter([ACCEL_FACTORS], 0, 5.0)
     for error in (0.25, *[0.01] * 6):
         meter.push(np.ones(1), np.array([error]), np.empty((1, 0)))
     (since,), (rolling,) = meter.since_reset(), meter.rolling()
     assert since is not None and rolling is not None
-    assert rolling.of_means == pytest.approx(0.1 * DOSE_FACTOR) and since.of_means > rolling.of_means
+    assert rolling.of_means == pytest.approx(0.1 * ACCEL_FACTORS.doses) and since.of_means > rolling.of_means
     meter.reset()
     assert meter.since_reset() == (None,) and meter.rolling()[0] is not None
 
 
 def test_totals_continue_in_another_run() -> None:
-    one, other = SpreadMeter(1, 1, 60.0), SpreadMeter(1, 1, 60.0)
+    one, other = (SpreadMeter([ACCEL_FACTORS], 1, 60.0) for _ in range(2))
     for meter, error in ((one, 0.04), (other, 0.01)):
         meter.push(np.ones(1), np.array([error]), np.array([[1.1]]))
     other.resume(one.totals())
     (found,) = other.since_reset()
     assert found is not None
-    assert found.of_means == pytest.approx(math.hypot(DOSE_FACTOR * math.sqrt(0.025), 0.5 * math.log(1.1)))
+    assert found.of_means == pytest.approx(math.hypot(ACCEL_FACTORS.doses * math.sqrt(0.025), 0.5 * math.log(1.1)))
     with pytest.raises(InputError, match="below zero"):
         other.resume(-one.totals())
 
@@ -127,10 +129,11 @@ def test_a_share_of_all_bands_is_the_spread_of_every_segment() -> None:
     found = by_segment(estimated(with_spread(shipped("subject_1"), share=0.2, spread=1e-9)))
     assert tuple(found) == SEGMENTS
     for spread in found.values():
-        assert spread.accel.of_means == pytest.approx(0.2 * DOSE_FACTOR, rel=1e-6)
-        assert spread.accel.of_peaks == pytest.approx(0.2 * PEAK_FACTOR, rel=1e-6)
+        assert spread.accel.of_means == pytest.approx(0.2 * ACCEL_FACTORS.doses, rel=1e-6)
+        assert spread.accel.of_peaks == pytest.approx(0.2 * ACCEL_FACTORS.peaks, rel=1e-6)
     # Errors of the segments above a joint may all have one sign, so the whole is not less sure than the share.
-    assert all(0.2 * DOSE_FACTOR * 0.9 < spread.force.of_means < 0.2 * DOSE_FACTOR * 2.0 for spread in found.values())
+    forces = [spread.force.of_means / (0.2 * FORCE_FACTORS.doses) for spread in found.values()]
+    assert min(forces) > 0.9 and max(forces) < 2.0
 
 
 def test_parameters_alone_give_the_difference_of_the_neighbours() -> None:
@@ -204,7 +207,7 @@ def test_a_window_in_which_the_model_diverged_is_left_out() -> None:
 
 def test_a_segment_without_a_law_takes_the_larger_share_beside_it() -> None:
     shares = {"pelvis": 0.1, "lower_torso": 0.2, "upper_torso": 0.4, "neck": 0.1}
-    laws = {name: UsualResidual((0.01,) * N_BANDS, (share,) * N_BANDS, 0.5, 50) for name, share in shares.items()}
+    laws = {name: UsualResidual((0.01,) * N_BANDS, (share,) * N_BANDS, 50) for name, share in shares.items()}
     provenance = SUBJECT.provenance | {PROVENANCE: {name: law.to_dict() for name, law in laws.items()}}
     spread, _ = prediction_spread(dataclasses.replace(SUBJECT, provenance=provenance))
     assert spread is not None

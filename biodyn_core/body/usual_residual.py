@@ -1,9 +1,8 @@
 """The usual residual of a fitted subject: how far its predictions miss measurements that they were not fitted to.
 
 In windows of one second the mean square of the residual in an octave band is n^2 + s^2 P: n is the noise, P the mean
-square of the prediction in the band, s the share of the motion that the model misses. The logarithm of the ratio of a
-window to the sum over the bands scatters by `log_spread`. All of it is by segment, from held-out events, and stands in
-the provenance of the subject's file.
+square of the prediction in the band, s the share of the motion that the model misses. Both are by segment, from
+held-out events, and stand in the provenance of the subject's file.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.signals.octaves import BAND_NAMES, N_BANDS
 
 LEAST_WINDOWS: Final = 20
-"""Fewer windows say too little about their scatter."""
+"""Fewer windows say too little."""
 
 MOST_SHARE: Final = 10.0
 """No model misses more of the motion; windows at rest alone leave the share undetermined."""
@@ -35,34 +34,37 @@ LEAST_SQUARE: Final = 1e-12
 """Mean squares below it, (m/s^2)^2, are zero but for rounding."""
 
 PROVENANCE: Final = "usual_residual"
-_KEYS: Final = ("noise_mps2", "share", "log_spread", "windows")
+_KEYS: Final = ("noise_mps2", "share", "windows")
 
 
 @dataclass(frozen=True)
 class UsualResidual:
     """The law of one segment: noise m/s^2 and share of the predicted motion by octave band, each (6,).
 
-    log_spread: scatter of the logarithm of a window's mean square. windows: their number.
+    windows: the number of those that it was estimated from.
     """
 
     noise_mps2: tuple[float, ...]
     share: tuple[float, ...]
-    log_spread: float
     windows: int
 
-    def square(self, predicted_squares: Floats) -> float:
-        """The usual mean square of the residual, (m/s^2)^2, for mean squares (6,) of the prediction."""
-        bands = zip(self.noise_mps2, self.share, predicted_squares.tolist(), strict=True)
-        return sum(noise**2 + share**2 * square for noise, share, square in bands)
+    def square(self, predicted_squares: Floats, least_share: float = 0.0) -> float:
+        """The usual mean square of the residual, (m/s^2)^2, for mean squares (6,) of the prediction.
 
-    def score(self, residual_square: float, predicted_squares: Floats) -> float:
-        """The logarithm of a window's mean square over the usual one, in standard deviations."""
-        return math.log(max(residual_square, LEAST_SQUARE) / self.square(predicted_squares)) / self.log_spread
+        least_share: the share of a band counts as at least this.
+        """
+        bands = zip(self.noise_mps2, self.share, predicted_squares.tolist(), strict=True)
+        return sum(noise**2 + max(share, least_share) ** 2 * square for noise, share, square in bands)
+
+    @property
+    def rest_square(self) -> float:
+        """The usual mean square of the residual at rest, (m/s^2)^2."""
+        return sum(noise**2 for noise in self.noise_mps2)
 
     def to_dict(self) -> dict[str, Any]:
         """The mapping in the provenance."""
         bands = {key: dict(zip(BAND_NAMES, getattr(self, key), strict=True)) for key in _KEYS[:2]}
-        return bands | {"log_spread": self.log_spread, "windows": self.windows}
+        return bands | {"windows": self.windows}
 
     @classmethod
     def of_windows(cls, residual_squares: Floats, predicted_squares: Floats) -> UsualResidual | None:
@@ -74,10 +76,7 @@ class UsualResidual:
             _noise_and_share(residual_squares[:, band], predicted_squares[:, band], whole[1]) for band in range(N_BANDS)
         ]
         noise, share = (tuple(math.exp(0.5 * max(one[k], -60.0)) for one in bands) for k in (0, 1))
-        law = cls(noise, share, 1.0, len(residual_squares))
-        away = [law.score(float(r.sum()), p) for r, p in zip(residual_squares, predicted_squares, strict=True)]
-        spread = math.sqrt(float(np.mean(np.square(away))) * (1.0 + 2.0 / len(away)))
-        return cls(noise, share, max(spread, 1e-3), len(away))
+        return cls(noise, share, len(residual_squares))
 
 
 def _noise_and_share(residual: Floats, predicted: Floats, center: float | None = None) -> tuple[float, float]:
@@ -115,11 +114,9 @@ def _law(values: object) -> UsualResidual | None:
     if not isinstance(values, Mapping) or set(values) != set(_KEYS):
         return None
     noise_mps2, share = (_bands(values[key]) for key in _KEYS[:2])
-    if not (noise_mps2 and share and _is_positive(values["log_spread"]) and _is_positive(values["windows"])):
+    if not (noise_mps2 and share and _is_positive(values["windows"])) or max(share) > ROUNDED * MOST_SHARE:
         return None
-    if max(share) > ROUNDED * MOST_SHARE:
-        return None
-    return UsualResidual(noise_mps2, share, float(values["log_spread"]), int(values["windows"]))
+    return UsualResidual(noise_mps2, share, int(values["windows"]))
 
 
 def _bands(values: object) -> tuple[float, ...]:

@@ -8,6 +8,7 @@ deviation off along independent steps, give other figures, the more so the furth
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -22,12 +23,21 @@ NORMAL_95: Final = 1.959964
 LEAST: Final = 1e-12
 """A mean square so small beside another one is zero but for rounding."""
 
-DOSE_FACTOR: Final = 0.41
-PEAK_FACTOR: Final = 0.56
-"""Standard deviation of the logarithm of a mean or VDV, and of a peak, over the expected share of the error.
 
-Calibrated on simulated people whose backgrounds differ from the model (docs/predictions_study.md). Below one, because
-much of a residual is out of phase with the motion, and some of it is the sensors'.
+@dataclass(frozen=True)
+class SpreadFactors:
+    """Standard deviation of the logarithm of a mean or VDV, and of a peak, over the expected share of the error."""
+
+    doses: float
+    peaks: float
+
+
+ACCEL_FACTORS: Final = SpreadFactors(0.35, 0.46)
+FORCE_FACTORS: Final = SpreadFactors(0.18, 0.29)
+"""Of accelerations and of joint forces, calibrated on simulated people whose backgrounds differ from the model.
+
+See docs/predictions_study.md. They are below one, because much of a residual is out of phase with the motion, and some
+of it is the sensors'. Those of forces are smaller, because errors of the segments above a joint have not all one sign.
 """
 
 
@@ -47,14 +57,15 @@ def interval(value: float, spread: float) -> tuple[float, float]:
 
 
 class SpreadMeter(Meter[tuple[FigureSpread | None, ...]]):
-    """`push` windows of one second; read the spreads by channel.
+    """`push` windows of one second; read the spreads by channel. factors: of each channel.
 
     A window has mean squares of each channel (c,) as predicted, their expected error by the model (c,), and the mean
     squares of the neighbouring chains (c, k). VDV and peaks weight each window by the square of its mean square.
     """
 
-    def __init__(self, channels: int, neighbours: int, window_s: float) -> None:
-        self._tally = Tally(1.0, channels, 2 * (2 + neighbours), 2 * (2 + neighbours), window_s)
+    def __init__(self, factors: Sequence[SpreadFactors], neighbours: int, window_s: float) -> None:
+        self._factors = factors
+        self._tally = Tally(1.0, len(factors), 2 * (2 + neighbours), 2 * (2 + neighbours), window_s)
 
     def push(self, square: Floats, error: Floats, neighbours: Floats) -> None:
         """Count one window."""
@@ -67,12 +78,16 @@ class SpreadMeter(Meter[tuple[FigureSpread | None, ...]]):
         self._tally.skip(seconds)
 
     def _figures(self, rows: Floats, rolling: bool) -> tuple[FigureSpread | None, ...]:
-        return tuple(_figure_spread(*np.split(row, 2)) if row[0] > 0.0 else None for row in rows)
+        return tuple(
+            _figure_spread(row, factors) if row[0] > 0.0 else None
+            for row, factors in zip(rows, self._factors, strict=True)
+        )
 
 
-def _figure_spread(means: Floats, fourths: Floats) -> FigureSpread:
+def _figure_spread(row: Floats, factors: SpreadFactors) -> FigureSpread:
+    means, fourths = np.split(row, 2)
     return FigureSpread(
-        spread(means, DOSE_FACTOR, 0.5), spread(fourths, DOSE_FACTOR, 0.25), spread(fourths, PEAK_FACTOR, 0.25)
+        spread(means, factors.doses, 0.5), spread(fourths, factors.doses, 0.25), spread(fourths, factors.peaks, 0.25)
     )
 
 

@@ -1,7 +1,8 @@
 """Fit monitor: a sequential test of the residual against the usual one of the subject, by segment.
 
-One-sided CUSUM (Page 1954) on the score of windows of one second. A score is clipped, so that a single shock is no
-alarm. Windows are those of stamps, so that block cuts change nothing.
+One-sided CUSUM (Page 1954) on the excess of windows of one second: the logarithm of the mean square of the residual
+over the usual one. An excess is clipped, so that a single shock is no alarm. Windows without motion decide nothing: at
+rest every model fits. Windows are those of stamps, so that block cuts change nothing.
 """
 
 from __future__ import annotations
@@ -16,10 +17,10 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS
-from biodyn_core.body.usual_residual import UsualResidual
+from biodyn_core.body.usual_residual import LEAST_SQUARE, UsualResidual
 from biodyn_core.pipeline.frames import MeasuredFrames
 from biodyn_core.pipeline.windows import LEAST_COVERED, WINDOW_NS, SecondWindows, Window
-from biodyn_core.signals.octaves import N_BANDS, octave_squares
+from biodyn_core.signals.octaves import octave_squares
 
 MOST_ENDED: Final = 1000
 """Times of misfit that are remembered."""
@@ -27,16 +28,18 @@ MOST_ENDED: Final = 1000
 
 @dataclass(frozen=True)
 class MonitorSettings:
-    """Settings of the test, in standard deviations of a window's score; calibrated by `make blind`.
+    """Settings of the test, of natural logarithms of mean squares; chosen by `make blind` (docs/predictions_study.md).
 
-    allowance: what does not count, because roads, levels and days differ by it; threshold: of the sum beyond it.
-    largest_score: of one window. recent: it fits again if the mean score of so many windows with motion is below the
-    allowance. moving: a window has motion if the predicted rms is so many times the noise; at rest everything fits.
+    allowance: an excess that does not count, because levels and kinds of motion differ by it: 1.6 is 2.2 times the rms.
+    threshold: of the sum beyond it. largest_excess: of one window. least_share: a model that misses less of the motion
+    is good enough. recent: it fits again if the mean excess of so many windows is below the allowance. moving: a window
+    has motion if the predicted rms is so many times the noise.
     """
 
-    allowance: float = 1.0
-    threshold: float = 10.0
-    largest_score: float = 4.0
+    allowance: float = 1.6
+    threshold: float = 14.0
+    largest_excess: float = 3.0
+    least_share: float = 0.05
     recent: int = 10
     moving: float = 5.0
 
@@ -64,7 +67,7 @@ class _Segment:
     began_ns: int = 0
     failing: bool = False
     squares: tuple[float, float] = (0.0, 0.0)
-    recent: deque[float] = field(default_factory=deque)
+    recent: list[float] = field(default_factory=list)
 
 
 class FitMonitor:
@@ -98,26 +101,21 @@ class FitMonitor:
         return [Misfit(one.name, one.began_ns, None, _ratio(one)) for one in self._segments.values() if one.failing]
 
     def _test(self, one: _Segment, begin_ns: int, residual: float, predicted: Floats) -> None:
-        s, usual = self._settings, one.law.square(predicted)
-        score = max(-s.largest_score, min(s.largest_score, one.law.score(residual, predicted)))
+        s, usual = self._settings, one.law.square(predicted, self._settings.least_share)
+        if float(predicted.sum()) <= s.moving**2 * one.law.rest_square:
+            return
+        excess = math.log(max(residual, LEAST_SQUARE) / usual)
+        beyond = max(-s.largest_excess, min(s.largest_excess, excess)) - s.allowance
         if one.total == 0.0 and not one.failing:
             one.began_ns, one.squares = begin_ns, (0.0, 0.0)
         one.squares = one.squares[0] + residual, one.squares[1] + usual
-        one.total = max(0.0, one.total + score - s.allowance)
+        one.total = max(0.0, one.total + beyond)
+        one.recent = [*one.recent, beyond][-s.recent :] if one.failing else []
         if not one.failing:
             one.failing = one.total > s.threshold
-            one.recent.clear()
-            return
-        if float(predicted.sum()) > s.moving**2 * one.law.square(_REST):
-            one.recent.append(score)
-        while len(one.recent) > s.recent:
-            one.recent.popleft()
-        if len(one.recent) == s.recent and sum(one.recent) < s.recent * s.allowance:
+        elif len(one.recent) == s.recent and sum(one.recent) < 0.0:
             self._ended.append(Misfit(one.name, one.began_ns, begin_ns + WINDOW_NS, _ratio(one)))
             one.failing, one.total = False, 0.0
-
-
-_REST: Final = np.zeros(N_BANDS)
 
 
 def squares_of(window: Window) -> tuple[Floats, Floats]:

@@ -19,7 +19,7 @@ from biodyn_core.body.parameter_spread import largest_steps, neighbours, paramet
 from biodyn_core.body.subject import Subject
 from biodyn_core.body.usual_residual import UsualResidual, usual_residuals
 from biodyn_core.conditioning.conditioned import Block
-from biodyn_core.exposure.figure_spread import FigureSpread, SpreadMeter
+from biodyn_core.exposure.figure_spread import ACCEL_FACTORS, FORCE_FACTORS, FigureSpread, SpreadMeter
 from biodyn_core.exposure.sensor_meters import Batch
 from biodyn_core.pipeline.windows import SecondWindows, Window
 from biodyn_core.signals.octaves import N_BANDS, octave_squares
@@ -87,7 +87,8 @@ class IntervalEstimator:
         self._spread = spread
         self._steppers = [Stepper(chain, rate_hz) for chain in spread.chains]
         self._batch, self._windows, self._epoch_ns = Batch(), SecondWindows(), 0
-        self.meter = SpreadMeter(2 * N_SEGMENTS, len(self._steppers), window_s)
+        factors = (*(ACCEL_FACTORS,) * N_SEGMENTS, *(FORCE_FACTORS,) * N_SEGMENTS)
+        self.meter = SpreadMeter(factors, len(self._steppers), window_s)
         self.recent: deque[AccelSpread] = deque(maxlen=REMEMBERED)
 
     def push(self, block: Block, accel_mps2: Floats) -> None:
@@ -133,7 +134,7 @@ class IntervalEstimator:
         errors = share**2 * octave_squares(nominal, window.rate_hz)
         forces = carried(accel * mass_kg)
         squares = np.concatenate([weighted.sum(axis=0), np.mean(forces**2, axis=0)], axis=1)
-        # Errors of the segments above a joint may all have one sign.
+        # As if the errors of the segments above a joint had all one sign; the factor of forces allows for it.
         force_errors = (carried(np.sqrt(errors) * mass_kg) ** 2).sum(axis=0)
         accel_errors = (share**2 * weighted[:, 0]).sum(axis=0)
         self.meter.push(squares[0], np.append(accel_errors, force_errors), squares[1:].T)

@@ -8,6 +8,7 @@ from typing import Final
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.base.wording import counted
+from biodyn_core.body.usual_residual import LEAST_WINDOWS
 from biodyn_core.identification.residuals import ResidualCheck
 from biodyn_ros.base.wording import number, parameter_name, with_interval, words
 from biodyn_ros.fit.report import FitEvent, FitName, Report
@@ -96,8 +97,23 @@ def remarks(report: Report) -> Iterator[str]:
     yield from _residual_lines(report.residual_checks)
     if report.dealt:
         yield f"events: {report.dealt}"
+    yield _interval_line(report)
     if not report.held_out:
         yield "nothing was held out: the prediction error on an unused event is not known (--hold-out, validate)"
+
+
+def _interval_line(report: Report) -> str:
+    """Whether predictions of the result will have intervals, or why not."""
+    known = {words(name): law.windows for name, law in report.usual_residual.items()}
+    if report.result != "joint":
+        return "predictions will have no 95 % interval: only the joint result has a covariance"
+    if not known:
+        return (
+            f"predictions will have no 95 % interval: {LEAST_WINDOWS} s or more of each segment are needed in events"
+            " that are not fitted to"
+        )
+    held_out = ", ".join(f"{name} {windows} s" for name, windows in known.items())
+    return f"predictions will have 95 % intervals; the usual residual is from {held_out} that were not fitted to"
 
 
 def _matrix_line(report: Report) -> str:

@@ -319,6 +319,7 @@ def prediction_status(
         "settling": str(is_settling(seen)).lower(),
         "last_mark": mark,
         "fits": f"unknown: {pipeline.not_monitored}" if pipeline.not_monitored else str(not lasting).lower(),
+        "intervals": f"none: {pipeline.no_interval}" if pipeline.no_interval else "95 %",
     }
     for output, latency in run.latency.items():
         values[f"{output}_latency_ms"] = " + ".join(f"{1e3 * part:.3f}" for part in latency)

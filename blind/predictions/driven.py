@@ -79,7 +79,7 @@ class Drive:
     """One person's drive. kind and ratio of the effect, "" and None without one; provenance of the fitted subject.
 
     begin_s (w,), residual (w, 5) and predicted (w, 6, 5): the windows of the residual. begins_s: when the effect
-    begins; seconds: of the drive before it; moving_s (w,): seconds of motion in the windows so far.
+    begins; seconds: of the drive before it. drifts: whether the joints of the person change slowly in any case.
     """
 
     number: int
@@ -93,6 +93,7 @@ class Drive:
     predicted: Floats
     begins_s: float
     seconds: float
+    drifts: bool
 
     def line(self) -> str:
         """As one line of JSON."""
@@ -155,7 +156,7 @@ def driven(person: Person) -> Drive | None:
     plain = (seconds >= 0.0) & (seconds < begins_s)
     return Drive(
         person.number, person.kind, person.ratio, error_percent, dict(subject.provenance), figures, seconds, residual,
-        predicted_squares, float(min(begins_s, 1e9)), float(plain.sum()),
+        predicted_squares, float(min(begins_s, 1e9)), float(plain.sum()), person.drifts,
     )  # fmt: skip
 
 

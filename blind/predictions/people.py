@@ -28,6 +28,9 @@ HELD: Final = 2
 LEVELS: Final = (0.4, 1.0, 2.0, 0.7, 1.4)
 """Of the drive, turn by turn, in multiples of the motion in the fit."""
 
+DRIFT: Final = "drift"
+"""The kind of background by which a person changes while sitting."""
+
 OTHER_KIND: Final = 0.4
 """Share of people without events of one kind in fit and held-out events."""
 
@@ -71,6 +74,11 @@ class Person:
     ratio: float | None
     roles: tuple[Role, ...]
     begins: int
+
+    @property
+    def drifts(self) -> bool:
+        """Whether its stiffness drifts in the background."""
+        return self.sitting.scales.get(DRIFT, 0.0) > 0.0
 
     def has_effect(self, index: int) -> bool:
         """Whether the effect acts in an event."""

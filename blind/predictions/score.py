@@ -21,6 +21,10 @@ Floats = NDArray[np.float64]
 
 MEANS: Final = ("aw", "rms")
 DOSES: Final = (*MEANS, "vdv")
+ACCEL: Final = ("aw", "vdv", "peak")
+LEAST_RATIO: Final = 0.8
+"""Weaker effects are not asked for: some forms cannot be made as strong as intended."""
+
 WITHIN_S: Final = 30.0
 """A misfit is found in time within so much motion."""
 
@@ -75,7 +79,8 @@ def condition_of(of: Figures, number: int) -> str:
 
 def factor_of(figure: str) -> float:
     """The factor of the package for a figure."""
-    return figure_spread.DOSE_FACTOR if figure in DOSES else figure_spread.PEAK_FACTOR
+    factors = figure_spread.ACCEL_FACTORS if figure in ACCEL else figure_spread.FORCE_FACTORS
+    return factors.doses if figure in DOSES else factors.peaks
 
 
 def covered(found: Sequence[Scored]) -> float:
@@ -112,13 +117,21 @@ class Answer:
     delay_s: float | None
 
     @property
+    def counts(self) -> bool:
+        """Whether there is an effect strong enough to be asked for."""
+        return self.delay_s is not None and (self.drive.ratio or 0.0) >= LEAST_RATIO
+
+    @property
     def in_time(self) -> bool:
         """Whether the misfit was found within `WITHIN_S` of motion."""
         return self.delay_s is not None and self.delay_s <= WITHIN_S
 
 
 def answer(drive: Drive, settings: MonitorSettings | None = None) -> Answer:
-    """Run the monitor over the windows of a drive; an alarm before the effect is false."""
+    """Run the monitor over the windows of a drive; an alarm before the effect is false.
+
+    An alarm begins when no segment fails and one begins to; others that follow belong to it.
+    """
     laws, _ = usual_residuals(drive.provenance)
     before = drive.begin_s < drive.begins_s
     false_alarms = len(_alarms(drive, laws, before, settings))
@@ -126,18 +139,18 @@ def answer(drive: Drive, settings: MonitorSettings | None = None) -> Answer:
         return Answer(drive, false_alarms, None)
     moving = np.cumsum(np.sqrt(np.nan_to_num(drive.predicted[:, :, 0]).sum(axis=1)) > MOVING_MPS2)
     start = int(moving[before][-1]) if before.any() else 0
-    alarms = [at for at in _alarms(drive, laws, None, settings) if drive.begin_s[at] >= drive.begins_s]
+    alarms = _alarms(drive, laws, ~before, settings)
     return Answer(drive, false_alarms, float(moving[alarms[0]] - start) if alarms else math.inf)
 
 
 def _alarms(
     drive: Drive, laws: dict[str, UsualResidual], use: NDArray[np.bool_] | None, settings: MonitorSettings | None
 ) -> list[int]:
-    """The windows in which a segment begins to fail."""
-    monitor, failing, found = FitMonitor(laws, settings), set[str](), []
+    """The windows in which alarms begin."""
+    monitor, failed, found = FitMonitor(laws, settings), False, []
     for at in np.flatnonzero(use) if use is not None else range(len(drive.begin_s)):
         monitor.test(round(1e9 * drive.begin_s[at]), drive.residual[at], drive.predicted[at])
-        now = {one.segment for one in monitor.lasting()}
-        found += [int(at)] * len(now - failing)
-        failing = now
+        if (fails := bool(monitor.lasting())) and not failed:
+            found.append(int(at))
+        failed = fails
     return found
