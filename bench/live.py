@@ -105,7 +105,7 @@ def _fitted_row(ours: Window, plain: Window) -> Row:
 def fitted_node(folder: Path) -> tuple[str, ...]:
     """The node with a subject that has a covariance and a usual residual."""
     subject = load_subject(subject_file("subject_1"))
-    law = UsualResidual((0.02,) * N_BANDS, (0.1,) * N_BANDS, 100)
+    law = UsualResidual((0.02,) * N_BANDS, (1.0,) * N_BANDS, 100)
     provenance = {
         parameter_spread.PROVENANCE: ParameterSpread(NAMES[:-1], 1e-3 * np.eye(len(NAMES) - 1)).to_dict(),
         usual_residual.PROVENANCE: {name: law.to_dict() for name in MEASURED_SEGMENTS},

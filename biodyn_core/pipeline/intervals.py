@@ -25,7 +25,7 @@ from biodyn_core.pipeline.windows import SecondWindows, Window
 from biodyn_core.signals.octaves import N_BANDS, octave_squares
 
 NEIGHBOURS: Final = 4
-"""Neighbouring chains; more of them change no interval by a tenth (docs/science.md)."""
+"""Neighbouring chains: four have nearly the spread of as many as there are parameters (docs/science.md)."""
 
 REMEMBERED: Final = 120
 """Windows whose spread of the acceleration is remembered, for curves."""
