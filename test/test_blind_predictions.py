@@ -123,4 +123,4 @@ def test_the_page_states_what_is_missed() -> None:
     calibration = Calibration(SpreadFactors(0.4, 0.5), SpreadFactors(0.2, 0.3), MonitorSettings(), 0, 3.0, 0.9)
     page = rendered(drives, calibration, "2026-01-01")
     assert page.startswith(HEAD) and "Run of 2026-01-01: 3 people, 0.3 hours" in page
-    assert "| **no** |" in page and "| gain | 2 | 2 |" in page and "| 0.400 | 0.35 |" in page
+    assert "| **no** |" in page and "| gain | 2 | 2 |" in page and "| 0.400 | 0.4 |" in page

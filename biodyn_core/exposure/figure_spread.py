@@ -32,12 +32,12 @@ class SpreadFactors:
     peaks: float
 
 
-ACCEL_FACTORS: Final = SpreadFactors(0.35, 0.46)
-FORCE_FACTORS: Final = SpreadFactors(0.18, 0.29)
+ACCEL_FACTORS: Final = SpreadFactors(0.40, 0.54)
+FORCE_FACTORS: Final = SpreadFactors(0.30, 0.53)
 """Of accelerations and of joint forces, calibrated on simulated people whose backgrounds differ from the model.
 
 See docs/predictions_study.md. They are below one, because much of a residual is out of phase with the motion, and some
-of it is the sensors'. Those of forces are smaller, because errors of the segments above a joint have not all one sign.
+of it is the sensors'. That of the rms of forces is smaller: errors above a joint have not all one sign.
 """
 
 
