@@ -33,7 +33,16 @@ from biodyn_core.pipeline.frames import NO_MEASURED, NO_PREDICTED, Frames, Measu
 from biodyn_core.pipeline.intervals import SegmentSpread
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.run_status import RunStatus
-from biodyn_ros.base.wording import INTERVAL_MEANS, INTERVAL_OF_BOUND, bound, duration, number, sentence, with_interval
+from biodyn_ros.base.wording import (
+    INTERVAL_MEANS,
+    INTERVAL_OF_BOUND,
+    INTERVAL_OF_MISFIT,
+    bound,
+    duration,
+    number,
+    sentence,
+    with_interval,
+)
 from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.replay import traces as traces_of_replay
 from biodyn_ros.replay.page import replay_page
@@ -47,6 +56,7 @@ from biodyn_ros.reports.exposure_report import (
     ChannelExposure,
     ExposureReport,
     JointExposure,
+    MisfitTime,
     Residual,
     exposure_report,
 )
@@ -413,6 +423,11 @@ def test_the_interval_of_a_lower_bound_is_named_as_such(tmp_path):
     assert ">= 1.00 (0.800 to 1.25)" in summary(changed)
     for shown in (summary(changed), page_of(tmp_path, changed).text):
         assert INTERVAL_OF_BOUND in shown
+
+
+def test_the_interval_does_not_hold_while_the_model_does_not_fit() -> None:
+    assert INTERVAL_OF_MISFIT not in summary(sure())
+    assert INTERVAL_OF_MISFIT in summary(sure(misfits=[MisfitTime("head", 3.0, None, 2.5)]))
 
 
 def test_the_drawing_has_an_error_bar_for_each_interval_and_room_for_it():

@@ -31,6 +31,8 @@ INTERVAL_MEANS: Final = (
     " uncertainty of its parameters."
 )
 
+INTERVAL_OF_MISFIT: Final = "The interval does not hold while the model does not fit; here it does not fit for a time."
+
 INTERVAL_OF_BOUND: Final = "The interval of a lower bound is that of the counted part."
 
 UNITS_TYPESET: Final = {"m/s^2": "m/s²", "m/s^1.75": "m/s¹·⁷⁵", "m/s^1.5": "m/s¹·⁵"}

@@ -422,7 +422,8 @@ function terms(of) {
 function intervals(of) {
   if (of.no_interval !== null) return `Predictions for ${of.subject} have no 95 % interval: ${of.no_interval}.`;
   return "Small figures and the light band: 95 % interval of the true figure or acceleration, from the residual in events"
-    + " that the subject was not fitted to, and from the uncertainty of its parameters. The band of a second is drawn when the second is over.";
+    + " that the subject was not fitted to, and from the uncertainty of its parameters. The band of a second is drawn when the second is over."
+    + (of.fit.fits === false ? " It does not hold now, because the model does not fit." : "");
 }
 
 function checkAge() {

@@ -21,7 +21,7 @@ from biodyn_core.exposure.meters import Dose
 from biodyn_core.pipeline.intervals import SegmentSpread
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.run_status import RunStatus
-from biodyn_ros.base.wording import INTERVAL_MEANS, INTERVAL_OF_BOUND, MODEL, left_range, stuck
+from biodyn_ros.base.wording import INTERVAL_MEANS, INTERVAL_OF_BOUND, INTERVAL_OF_MISFIT, MODEL, left_range, stuck
 from biodyn_ros.reading.marks import Mark
 from biodyn_ros.reports.intervals import DoseIntervals, ForceIntervals, dose_intervals, force_intervals
 
@@ -122,7 +122,11 @@ class ExposureReport:
         if self.no_interval:
             return [f"Predictions for {self.subject} have no 95 % interval: {self.no_interval}."]
         has_bounds = any(channel.losses.lower_bound for channel in self.predicted.values())
-        return [INTERVAL_MEANS, *([INTERVAL_OF_BOUND] if has_bounds else [])]
+        return [
+            INTERVAL_MEANS,
+            *([INTERVAL_OF_BOUND] if has_bounds else []),
+            *([INTERVAL_OF_MISFIT] if self.misfits else []),
+        ]
 
     @property
     def lifts_off(self) -> bool:

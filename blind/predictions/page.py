@@ -181,7 +181,7 @@ def _calibration(found: Calibration) -> list[str]:
         f"{100 * found.in_time:.0f} % of the effects are found in time there.",
         "",
         "The factors of the package are of these people and of 80 more of a run before, with other seeds and half as",
-        "many held-out events, in which the same rule gave 0.40, 0.55, 0.31 and 0.54; the code of that run is not kept.",
+        "many held-out events, in which the same rule gave 0.40, 0.55, 0.31 and 0.54; its code is not kept.",
         "",
         *table(["", "chosen there", "in the package"], rows),
         "",
