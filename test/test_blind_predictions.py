@@ -35,7 +35,7 @@ def figures(rng: np.random.Generator, factor: float, kind: str = "road", fitted:
     sums[:, :2] = 5.0, 5.0 * share**2
     sums[:, 2:] = 25.0, 25.0 * share**2
     spread = share * factor * np.array([1.0, 1.0, 1.4, 0.5, 0.7, 0.7])[:, None]
-    return Figures(kind, 1.0, fitted, spread * rng.standard_normal((6, 6)), sums, np.full((6, 6), 0.95))
+    return Figures(kind, fitted, spread * rng.standard_normal((6, 6)), sums, np.full((6, 6), 0.95))
 
 
 def drive(number: int = 0, kind: str = "", jump: float = 1.0, factor: float = 0.4, seconds: int = SECONDS) -> Drive:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
@@ -62,12 +61,11 @@ class Figures:
     """Figures of one event, or of the whole drive before the effect (`WHOLE`).
 
     log_ratio (6, 6): ln of true over predicted, by figure and segment, NaN where unknown. sums (12, 2 (2 + k)): see
-    `SpreadMeter`. rms_mps2: of the seat; fitted: whether the fit has had motion of this kind. within (6, 6): share of
-    the time in motion in which the true acceleration of a segment is within the band of the predicted one, by `WIDTHS`.
+    `SpreadMeter`. fitted: whether the fit has had motion of this kind. within (6, 6): share of the time in motion in
+    which the true acceleration of a segment is within the band of the predicted one, by `WIDTHS`.
     """
 
     kind: str
-    rms_mps2: float
     fitted: bool
     log_ratio: Floats
     sums: Floats
@@ -142,14 +140,13 @@ def driven(person: Person) -> Drive | None:
             truth = Truth(subject)
             truth.push(one.plain[index])
             within = _within(pipeline, predicted, one.plain[index], event)
-            rms_mps2 = float(np.std(event.accel_mps2[:, 2]))
-            figures.append(_figures(pipeline, truth, event.case, rms_mps2, event.case in kinds, within))
+            figures.append(_figures(pipeline, truth, event.case, event.case in kinds, within))
             if end_s:
                 before.skip(event.begin_s - end_s)
             before.push(one.plain[index])
             end_s = event.begin_s + event.time_s[-1]
             list(_pushed(whole, {"seat": streams["seat"]}, event))
-    figures.append(_figures(whole, before, WHOLE, math.nan, True, UNKNOWN))
+    figures.append(_figures(whole, before, WHOLE, True, UNKNOWN))
     begin_ns, residual, predicted_squares = (np.array(column) for column in zip(*collected, strict=True))
     begins_s = one.events[person.begins].event.begin_s if one.effects else np.inf
     seconds = 1e-9 * (begin_ns - START_NS)
@@ -250,7 +247,7 @@ class Truth:
         return np.concatenate([np.array(doses).T, np.array(forces).T])
 
 
-def _figures(pipeline: Pipeline, truth: Truth, kind: str, rms_mps2: float, is_fitted: bool, within: Floats) -> Figures:
+def _figures(pipeline: Pipeline, truth: Truth, kind: str, is_fitted: bool, within: Floats) -> Figures:
     assert pipeline.predictor is not None
     assert pipeline.predictor.intervals is not None
     predicted = _predicted(pipeline.exposure())
@@ -258,7 +255,7 @@ def _figures(pipeline: Pipeline, truth: Truth, kind: str, rms_mps2: float, is_fi
     sums = pipeline.predictor.intervals.meter.totals()
     with np.errstate(divide="ignore", invalid="ignore"):
         log_ratio = np.log(truth.figures() / predicted)
-    return Figures(kind, rms_mps2, is_fitted, np.where(np.isfinite(log_ratio), log_ratio, np.nan), sums, within)
+    return Figures(kind, is_fitted, np.where(np.isfinite(log_ratio), log_ratio, np.nan), sums, within)
 
 
 def _predicted(exposure: Exposure) -> Floats:

@@ -79,7 +79,10 @@ def rendered(drives: Sequence[Drive], calibration: Calibration, date: str) -> st
     """The page."""
     found, answers = list(scored(drives)), [answer(drive) for drive in drives]
     parts = [_marks(drives), _coverage(found), _curves(drives), _misfits(answers), _calibration(calibration)]
-    people = f"Run of {date}: {len(drives)} people, {_hours(drives):.1f} hours without an effect."
+    people = (
+        f"Run of {date}: {len(drives)} people, {_hours(drives):.1f} hours without an effect. The fits leave"
+        f" {np.median([drive.error_percent for drive in drives]):.1f} % of the measured rms in the median."
+    )
     return "\n".join([HEAD, people, "", *(line for part in parts for line in part)]).rstrip() + "\n"
 
 
