@@ -108,7 +108,7 @@ def fitted_node(folder: Path) -> tuple[str, ...]:
     law = UsualResidual((0.02,) * N_BANDS, (1.0,) * N_BANDS, 100)
     provenance = {
         parameter_spread.PROVENANCE: ParameterSpread(NAMES[:-1], 1e-3 * np.eye(len(NAMES) - 1)).to_dict(),
-        usual_residual.PROVENANCE: {name: law.to_dict() for name in MEASURED_SEGMENTS},
+        **usual_residual.to_provenance(dict.fromkeys(MEASURED_SEGMENTS, law)),
     }
     path = folder / "fitted.yaml"
     path.write_text(dataclasses.replace(subject, provenance=provenance).to_yaml(), encoding="utf-8")

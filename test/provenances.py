@@ -19,6 +19,6 @@ def with_spread(subject: Subject, share: float = 0.1, spread: float = 0.03, nois
     law = UsualResidual((noise_mps2,) * N_BANDS, (share,) * N_BANDS, 100)
     provenance = {
         parameter_spread.PROVENANCE: ParameterSpread(NAMES[:14], spread**2 * np.eye(14)).to_dict(),
-        usual_residual.PROVENANCE: {name: law.to_dict() for name in MEASURED_SEGMENTS},
+        **usual_residual.to_provenance(dict.fromkeys(MEASURED_SEGMENTS, law)),
     }
     return dataclasses.replace(subject, provenance=provenance)

@@ -21,8 +21,9 @@ from provenances import with_spread
 from streams import held_bytes, in_turn, noisy_streams, predicted_frames, run, subject
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.base.quantiles import NORMAL_95
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
-from biodyn_core.exposure.figure_spread import NORMAL_95, FigureSpread
+from biodyn_core.exposure.figure_spread import FigureSpread
 from biodyn_core.exposure.injury import Dri, Hic, Window
 from biodyn_core.exposure.joint_forces import JointForce
 from biodyn_core.exposure.limit_assessment import LimitAssessment, SeatExposure, ShockRatio

@@ -10,8 +10,9 @@ import pytest
 from provenances import with_spread
 from streams import START_NS, noisy_streams, subject
 
+from biodyn_core.base.quantiles import NORMAL_95
 from biodyn_core.base.segments import SEAT, SENSORS
-from biodyn_core.exposure.figure_spread import NORMAL_95, interval
+from biodyn_core.exposure.figure_spread import interval
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros.node.health import HealthMonitor, SensorHealth

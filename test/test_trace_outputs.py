@@ -18,14 +18,16 @@ import numpy as np
 import pytest
 from listed import assert_listed
 from pages import NASTY, Page, assert_self_contained, empty_drawings, lines, svg_text
+from provenances import with_spread
 from streams import simulated, subject
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.body.parameters import PARAMETERS, UNFITTED, Parameters
 from biodyn_core.body.subject import Subject, load_subject
+from biodyn_core.body.usual_residual import PROVENANCE, UsualResidual, usual_residuals
 from biodyn_core.effects import CATALOGUE, AppliedEffect
-from biodyn_core.identification.problem import Errors
+from biodyn_core.identification.problem import Case, Errors
 from biodyn_core.tracing.findings import (
     ComparedEvent,
     Diagnostics,
@@ -980,6 +982,24 @@ def test_written_files_are_complete_and_have_the_bags(
     again = trace_bags([bags["rail_2"]], written, TraceOptions(held_out=(str(bags["road"]),)))
     assert any("had been fitted to it" in line for line in again.warnings)
     assert role_of(traced_subject(again), source_of(bags["rail_1"])) == "fitted"
+
+
+def test_a_traced_subject_has_the_usual_residual_of_the_reported_events(
+    bags: dict[str, Path], calls: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of those that neither fitted nor chose; these bags are too short for a law of their own."""
+    laws, _ = usual_residuals(with_spread(SUBJECT).provenance)
+    seen = []
+
+    def of_events(subject: Subject, cases: list[Case]) -> dict[str, UsualResidual]:
+        seen.append((subject.effects, [case.case for case in cases]))
+        return laws
+
+    traced = trace_bags(list(bags.values()), SUBJECT)
+    assert PROVENANCE not in traced_subject(traced).provenance
+    monkeypatch.setattr("biodyn_ros.trace.document.usual_residual", of_events)
+    assert usual_residuals(traced_subject(traced).provenance) == (laws, "")
+    assert seen == [(traced.trace.after.effects, ["rail"])]
 
 
 @pytest.mark.parametrize("verdict", ["none", "unexplained", "not_decidable"])

@@ -8,6 +8,7 @@ import pytest
 from scipy import signal
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.base.quantiles import NORMAL_95
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX
 from biodyn_core.body.model import Chain
 from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER, Parameters
@@ -20,7 +21,6 @@ from biodyn_core.identification.profiles import profile
 from biodyn_core.identification.residuals import residual_checks
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.identification.uncertainty import (
-    NORMAL_95,
     WINDOW_STEPS,
     Uncertainty,
     UncertaintySettings,

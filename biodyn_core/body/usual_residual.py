@@ -93,6 +93,11 @@ def _noise_and_share(residual: Floats, predicted: Floats, center: float | None =
     return float(found.x[0]), float(found.x[1])
 
 
+def to_provenance(laws: Mapping[str, UsualResidual]) -> dict[str, Any]:
+    """The entry of a subject's provenance, empty without a law."""
+    return {PROVENANCE: {name: law.to_dict() for name, law in laws.items()}} if laws else {}
+
+
 def usual_residuals(provenance: Mapping[str, Any]) -> tuple[dict[str, UsualResidual], str]:
     """The laws by segment of a subject's provenance, and why there are none, empty if there are."""
     given = provenance.get(PROVENANCE)

@@ -15,10 +15,8 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.base.arrays import Floats
+from biodyn_core.base.quantiles import NORMAL_95
 from biodyn_core.exposure.meters import Meter, Tally
-
-NORMAL_95: Final = 1.959964
-"""Half width of a 95 % interval in standard deviations."""
 
 LEAST: Final = 1e-12
 """A mean square so small beside another one is zero but for rounding."""

@@ -13,8 +13,8 @@ import numpy as np
 
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.errors import InputError
+from biodyn_core.base.quantiles import NORMAL_95
 from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER
-from biodyn_core.exposure.figure_spread import NORMAL_95
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.objectives import PENALTY, TimeDomain
 from biodyn_core.identification.phase2 import least_squares

@@ -17,9 +17,9 @@ from typing import Final, Literal
 import numpy as np
 
 from biodyn_core.base.arrays import Flags, Floats
+from biodyn_core.base.quantiles import NORMAL_95
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER
-from biodyn_core.exposure.figure_spread import NORMAL_95
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.objectives import TimeDomain
 from biodyn_core.identification.problem import Case

@@ -53,5 +53,4 @@ def octave_squares(values: Floats, rate_hz: float, weighting: WeightingName | No
     size = len(values)
     spectrum = fft.rfft(values * _taper(size)[:, None], fft.next_fast_len(size, real=True), axis=0)
     squares, begins = _gains(size, rate_hz, weighting)
-    # A product of matrices would wake the threads of BLAS, which delays a live node by tens of milliseconds.
     return np.add.reduceat(squares * (spectrum.real**2 + spectrum.imag**2), begins, axis=0)

@@ -89,9 +89,7 @@ def provenance(report: Report) -> Document:
 
 def _of_predictions(report: Report) -> Document:
     """The errors of predictions: of the joint result, as far as they are known."""
-    found: Document = {}
-    if report.usual_residual:
-        found[usual_residual.PROVENANCE] = {name: law.to_dict() for name, law in report.usual_residual.items()}
+    found: Document = usual_residual.to_provenance(report.usual_residual)
     if report.result == "joint":
         spread = parameter_spread.ParameterSpread(report.uncertainty.names, report.uncertainty.covariance)
         found[parameter_spread.PROVENANCE] = spread.to_dict()

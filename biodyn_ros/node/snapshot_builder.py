@@ -10,8 +10,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from biodyn_core.base.quantiles import NORMAL_95
 from biodyn_core.base.segments import HEAD, N_SEGMENTS, N_SENSORS, SEAT, SEGMENTS, SENSORS
-from biodyn_core.exposure.figure_spread import NORMAL_95
 from biodyn_core.exposure.limit_assessment import SeatExposure
 from biodyn_core.exposure.limits import LimitSet, Measure
 from biodyn_core.exposure.losses import Losses

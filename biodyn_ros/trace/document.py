@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.body.subject import Subject
-from biodyn_core.body.usual_residual import PROVENANCE
+from biodyn_core.body.usual_residual import to_provenance
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.held_out import usual_residual
 from biodyn_core.identification.problem import Case
@@ -111,7 +111,6 @@ def provenance(report: Report) -> Document:
     """
     trace = report.trace
     reported = [case for event, case in report.events if use_of(event, case, trace) == "held_out"]
-    usual = usual_residual(trace.after, reported)
     origins = [_origin(event, case, trace) for event, case in report.events]
     earlier = effect_recordings(trace.given, excluded=[event.source for event, _ in report.events])
     return {
@@ -129,7 +128,7 @@ def provenance(report: Report) -> Document:
             }
             for applied, intervals in zip(trace.effects, trace.intervals, strict=True)
         },
-        **({PROVENANCE: {name: law.to_dict() for name, law in usual.items()}} if usual else {}),
+        **to_provenance(usual_residual(trace.after, reported)),
     }
 
 

@@ -10,7 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.exposure.figure_spread import NORMAL_95, SpreadFactors
+from biodyn_core.base.quantiles import NORMAL_95
+from biodyn_core.exposure.figure_spread import SpreadFactors
 from biodyn_core.pipeline.fit_monitor import MonitorSettings
 from blind.predictions.driven import Drive
 from blind.predictions.score import Scored, answer, scored

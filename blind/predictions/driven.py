@@ -16,12 +16,12 @@ from world.effects.sitting import START_NS
 from world.effects.wearing import Stream
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.base.quantiles import NORMAL_95
 from biodyn_core.base.segments import SEGMENTS
 from biodyn_core.body import parameter_spread, usual_residual
 from biodyn_core.body.model import Chain
 from biodyn_core.body.parameters import UNFITTED
 from biodyn_core.body.subject import Subject
-from biodyn_core.exposure.figure_spread import NORMAL_95
 from biodyn_core.exposure.joint_forces import JointForceMeter
 from biodyn_core.exposure.meters import DoseMeter
 from biodyn_core.identification import held_out
@@ -171,7 +171,7 @@ def fitted(person: Person) -> tuple[Subject, float]:
     laws = held_out.usual_residual(fit.subject, cases["held"])
     provenance = {
         parameter_spread.PROVENANCE: spread.to_dict(),
-        usual_residual.PROVENANCE: {name: law.to_dict() for name, law in laws.items()},
+        **usual_residual.to_provenance(laws),
     }
     return dataclasses.replace(fit.subject, provenance=provenance), fit.error_percent
 

@@ -7,7 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.exposure.figure_spread import ACCEL_FACTORS, FORCE_FACTORS, NORMAL_95
+from biodyn_core.base.quantiles import NORMAL_95
+from biodyn_core.exposure.figure_spread import ACCEL_FACTORS, FORCE_FACTORS
 from biodyn_core.pipeline.fit_monitor import MonitorSettings
 from blind.predictions.calibrate import Calibration
 from blind.predictions.driven import FIGURES, Drive
@@ -30,9 +31,9 @@ of each kind of motion are fitted to and {HELD} are held out; {100 * OTHER_KIND:
 kind there. Then the person is driven through events of all kinds, at {_TIMES} times the level of the fit.
 The package has the raw streams of the sensors, and the truth is not available to it.
 
-With two of three people an effect of the catalogue begins in the middle of the drive: a form that is not that of the
-catalogue, of ratio 0.8 to 4 (rms of its residual over that of background and noise, as far as a refit does not absorb
-it). Causes in sensors and in posture are among them. Events before it are those without an effect.
+With two of three people an effect of the catalogue begins in the middle of the drive: in forms of the simulation, made
+for a ratio of 0.8 to 4 (rms of its residual over that of background and noise, as far as a refit does not absorb
+it). Classes are drawn evenly, sensors and posture among them. Events before it are those without an effect.
 
 The factors of the intervals and the settings of the fit monitor were chosen on other people, with other seeds and fewer
 kinds of background and forms of effects.

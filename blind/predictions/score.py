@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from world.seats import CASES
 
+from biodyn_core.base.quantiles import NORMAL_95
 from biodyn_core.body.usual_residual import UsualResidual, usual_residuals
 from biodyn_core.exposure import figure_spread
 from biodyn_core.pipeline.fit_monitor import FitMonitor, MonitorSettings
@@ -85,7 +86,7 @@ def factor_of(figure: str) -> float:
 
 def covered(found: Sequence[Scored]) -> float:
     """Share of the figures within their 95 % interval, percent."""
-    inside = [abs(one.score(factor_of(one.figure))) <= figure_spread.NORMAL_95 for one in found]
+    inside = [abs(one.score(factor_of(one.figure))) <= NORMAL_95 for one in found]
     return 100.0 * float(np.mean(inside))
 
 
@@ -93,7 +94,7 @@ def resampled(found: Sequence[Scored], people: int = 400) -> tuple[float, float]
     """95 % interval of the coverage by resampling whole people."""
     by_person: dict[int, list[bool]] = {}
     for one in found:
-        inside = abs(one.score(factor_of(one.figure))) <= figure_spread.NORMAL_95
+        inside = abs(one.score(factor_of(one.figure))) <= NORMAL_95
         by_person.setdefault(one.person, []).append(inside)
     hits = np.array([sum(values) for values in by_person.values()], dtype=float)
     counts = np.array([len(values) for values in by_person.values()], dtype=float)
