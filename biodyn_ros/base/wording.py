@@ -31,7 +31,9 @@ INTERVAL_MEANS: Final = (
     " uncertainty of its parameters."
 )
 
-INTERVAL_OF_MISFIT: Final = "The interval does not hold while the model does not fit; here it does not fit for a time."
+INTERVAL_OF_MISFIT: Final = (
+    "The interval does not hold while the model does not fit, as in a part of this record or in all of it."
+)
 
 INTERVAL_OF_BOUND: Final = "The interval of a lower bound is that of the counted part."
 
