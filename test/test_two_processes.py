@@ -241,6 +241,44 @@ def test_sigint_in_the_middle_of_a_timer_is_no_failure_of_the_timer() -> None:
     assert (done.stdout, done.stderr) == ("ended True\n", "")
 
 
+_INTERRUPTED_START = """
+import signal
+import sys
+
+import rclpy.node
+
+from biodyn_ros.node.live import main
+
+add_waitable, count = rclpy.node.Node.add_waitable, 0
+
+def interrupted(node, waitable):
+    global count
+    count += 1
+    if count == int(sys.argv[1]):
+        signal.raise_signal(signal.SIGTERM)
+    add_waitable(node, waitable)
+
+rclpy.node.Node.add_waitable = interrupted
+sys.exit(main([]))
+"""
+
+
+@pytest.mark.parametrize("call", [1, 8, 20])
+def test_sigterm_in_the_middle_of_a_call_during_the_start_is_a_clean_end(call: int) -> None:
+    """The node then has a subscription or a publisher whose events rclpy does not know yet."""
+    with ros_graph() as graph:
+        environment = os.environ | {"ROS_DOMAIN_ID": str(graph.context.get_domain_id())}
+        done = subprocess.run(
+            [sys.executable, "-c", _INTERRUPTED_START, str(call)], env=environment, capture_output=True, text=True,
+            timeout=STARTUP_S, check=False,
+        )  # fmt: skip
+        assert (done.returncode, done.stdout) == (0, ""), done.stderr
+        assert "Traceback" not in done.stderr and "error" not in done.stderr.lower(), done.stderr
+        tester = graph.node()
+        graph.spin(1.0)
+        assert tester.get_node_names() == ["tester"]
+
+
 _APT_ONLY = """
 import sys
 for name in ("numba", "mcap", "rosbags", "matplotlib", "jinja2", "aiohttp", "lz4", "zstandard"):

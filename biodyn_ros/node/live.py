@@ -386,6 +386,8 @@ def _run(shutdown: Shutdown) -> int:
     shutdown.stage = "the start"
     node = BiodynNode()
     executor = make_executor()
+    store, ask_page, destroy, page = node.shutdown_steps()
+    stages = (store, ("the executor", executor.shutdown), ask_page, destroy, page)
     try:
         executor.add_node(node)
         if params.read(node, LiveSettings).autostart:
@@ -401,8 +403,9 @@ def _run(shutdown: Shutdown) -> int:
         shutdown.interrupts, shutdown.stage = False, "a callback"
         shutdown.on_request(lambda: ended.set_result(None))
         spin(executor, ended)
-        return 0
+    except KeyboardInterrupt:  # in the middle of a call of rclpy, whose node may be incomplete and is not destroyed
+        stages = (store, ask_page, page)
     finally:
         shutdown.interrupts = False
-        store, *others = node.shutdown_steps()
-        shutdown.run_stages((store, ("the executor", executor.shutdown), *others))
+        shutdown.run_stages(stages)
+    return 0
