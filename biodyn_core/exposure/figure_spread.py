@@ -30,8 +30,8 @@ class SpreadFactors:
     peaks: float
 
 
-ACCEL_FACTORS: Final = SpreadFactors(0.40, 0.54)
-FORCE_FACTORS: Final = SpreadFactors(0.30, 0.53)
+ACCEL_FACTORS: Final = SpreadFactors(0.34, 0.44)
+FORCE_FACTORS: Final = SpreadFactors(0.20, 0.30)
 """Of accelerations and of joint forces, calibrated on simulated people whose backgrounds differ from the model.
 
 See docs/predictions_study.md. They are below one, because much of a residual is out of phase with the motion, and some

@@ -37,7 +37,7 @@ class MonitorSettings:
     """
 
     allowance: float = 1.6
-    threshold: float = 14.0
+    threshold: float = 20.0
     largest_excess: float = 3.0
     least_share: float = 0.05
     recent: int = 10
