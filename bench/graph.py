@@ -1,7 +1,7 @@
-"""The other processes of the live benchmark: `python -m bench.graph publisher|subscriber|minimal ARGUMENT...`.
+"""The other processes of the live benchmark: `python -m bench.graph publisher|subscriber|minimal|blocks ARGUMENT...`.
 
-publisher TOPICS RATE SECONDS FILE, subscriber TOPICS FILE and minimal; TOPICS is one of `KINDS`.
-All three use serialized messages, so that their cost is small compared with that of the node.
+publisher TOPICS RATE SECONDS FILE, subscriber TOPICS FILE, minimal and blocks; TOPICS is one of `KINDS`.
+All of them use serialized messages, so that their cost is small compared with that of the node.
 """
 
 from __future__ import annotations
@@ -9,12 +9,13 @@ from __future__ import annotations
 import contextlib
 import functools
 import gc
+import itertools
 import json
 import struct
 import sys
 import time
 from array import array
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -31,10 +32,15 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu
 from trajectory_msgs.msg import JointTrajectory
 
-from biodyn_core.base.segments import SEAT, SENSORS, STANDARD_GRAVITY_MPS2
+from biodyn_core.base.segments import N_SEGMENTS, SEAT, SENSORS, STANDARD_GRAVITY_MPS2
+from biodyn_core.body.model import MOTION_COLUMNS
+from biodyn_core.pipeline.frames import PredictedFrames
 from biodyn_ros.bag.blocks import BlockEncoder, measured_blocks, predicted_blocks
-from biodyn_ros.bag.cdr import AccelStampedTemplate, encode_imu
+from biodyn_ros.bag.cdr import AccelStampedTemplate, decode_imu, encode_imu
 from biodyn_ros.base import topics
+from biodyn_ros.node.live import DRAIN_RATE_HZ, LiveSettings
+from biodyn_ros.node.publications import BLOCK_DEPTH
+from biodyn_ros.node.subscriptions import queued
 
 REST_S = 1.5
 START_TIMEOUT_S = 180.0  # without a cache the node compiles every kernel before it subscribes
@@ -164,7 +170,7 @@ def _note(statuses: dict[str, dict[str, str]], message: DiagnosticArray) -> None
         statuses[status.name] = {item.key: item.value for item in status.values}
 
 
-# --- the baseline ----------------------------------------------------------------------------------------------------
+# --- the baselines ---------------------------------------------------------------------------------------------------
 
 
 class _Minimal(Node):
@@ -184,6 +190,50 @@ class _Minimal(Node):
         """Publish with the stamp of the message, as the live node does for the seat."""
         for output, (before, after) in outputs:
             output.publish(before + message[4:12] + after)
+
+
+class _Blocks(Node):
+    """The live node without computation, in blocks: queues read by timers, the stamps of the seat sent in blocks."""
+
+    def __init__(self) -> None:
+        super().__init__("biodyn")
+        self._queues = {
+            sensor: self.create_subscription(Imu, topics.INPUT[sensor], _ignore, _qos(2000, reliable=False), raw=True)
+            for sensor in SENSORS
+        }
+        self._output = self.create_publisher(
+            JointTrajectory, topics.absolute(topics.PREDICTED_BLOCK), _qos(BLOCK_DEPTH, reliable=True)
+        )
+        self._next_drained = itertools.cycle(sensor for sensor in SENSORS if sensor != SEAT)
+        self.create_timer(1e-3 * LiveSettings.block_ms, _until_shutdown(self._answer))
+        self.create_timer(1.0 / DRAIN_RATE_HZ, _until_shutdown(lambda: queued(self._queues[next(self._next_drained)])))
+
+    @property
+    def subscriptions(self) -> Iterator[Any]:
+        """None for the executor."""
+        return iter(())
+
+    def _answer(self) -> None:
+        """Send a block with the stamps of the seat's messages that have arrived."""
+        if messages := queued(self._queues[SEAT]):
+            stamps_ns = decode_imu([message for message, _ in messages]).stamps_ns
+            numbers = (np.zeros((stamps_ns.size, columns)) for columns in (N_SEGMENTS, MOTION_COLUMNS))
+            for _, block in BLOCKS["predicted/block"].blocks(PredictedFrames(stamps_ns, *numbers)):
+                self._output.publish(block)
+
+
+def _until_shutdown(callback: Callable[[], object]) -> Callable[[], None]:
+    """A callback that may run while a signal ends the context."""
+
+    def run() -> None:
+        with contextlib.suppress(RCLError):
+            callback()
+
+    return run
+
+
+def _ignore(message: bytes) -> None:
+    """The callback of a subscription that the executor does not serve."""
 
 
 def _around(name: str) -> tuple[bytes, bytes]:
@@ -213,7 +263,7 @@ def main(role: str, *arguments: str) -> None:
     elif role == "subscriber":
         subscriber(arguments[0], Path(arguments[1]))
     else:
-        node = _Minimal()
+        node = _Blocks() if role == "blocks" else _Minimal()
         _spin(node)
         node.destroy_node()
     rclpy.try_shutdown()

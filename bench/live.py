@@ -34,6 +34,7 @@ MEASURE_S = 8.0
 
 BASELINE = "bare node, six single topics"
 BARE = ("-m", "bench.graph", "minimal")
+BARE_BLOCKS = ("-m", "bench.graph", "blocks")
 WITH_MEASURED = (*NODE, "-p", "publish_measured:=true")
 
 BLOCK_MS = 5.0
@@ -49,6 +50,7 @@ SHARES = {
 """By kind of subscriber: words, node, and the largest CPU over that of the baseline."""
 
 FITTED = "fitted"
+WITHOUT = "without"
 
 FAST = (("single", 2.0), ("single", 3.0), ("block", 2.0), ("block", 3.0), ("block", 4.0))
 """Kinds of subscribers and multiples of the native rate at which nothing may be lost."""
@@ -63,7 +65,8 @@ def rows() -> list[Row]:
             turns = [
                 (
                     _run(BARE, "single"),
-                    {kind: _run(SHARES[kind][1], kind) for kind in SHARES} | {FITTED: _run(sure, "block")},
+                    {kind: _run(SHARES[kind][1], kind) for kind in SHARES}
+                    | {FITTED: _run(sure, "block"), WITHOUT: _run(BARE_BLOCKS, "block")},
                 )
                 for _ in range(ROUNDS)
             ]
@@ -72,9 +75,9 @@ def rows() -> list[Row]:
             if domain:
                 domain.release()
     bare = _middle([one for one, _ in turns])
-    ours = {kind: _middle([each[kind] for _, each in turns]) for kind in (*SHARES, FITTED)}
+    ours = {kind: _middle([each[kind] for _, each in turns]) for kind in (*SHARES, FITTED, WITHOUT)}
     found = [row for kind in SHARES for row in _rows_of(kind, ours[kind], bare)]
-    found.append(_fitted_row(ours[FITTED], ours["block"]))
+    found += [_fitted_row(ours[FITTED], ours["block"]), _without_row(ours[WITHOUT], bare)]
     return [*found, *_memory_rows(ours["block"]), *(_fast_row(kind, rate, window) for kind, rate, window in fast)]
 
 
@@ -100,6 +103,12 @@ def _fitted_row(ours: Window, plain: Window) -> Row:
     """The price of intervals and of the test of the residual."""
     name = "live, one block topic, a subject with intervals: CPU of one core"
     return Row(name, ours.cpu_percent, "%", plain.cpu_percent, "the same without intervals", "-", None)
+
+
+def _without_row(blocks: Window, bare: Window) -> Row:
+    """What blocks cost without any mathematics: no live node in blocks can take less."""
+    name = "live, one block topic, no mathematics: CPU of one core"
+    return Row(name, blocks.cpu_percent, "%", bare.cpu_percent, BASELINE, "-", None)
 
 
 def fitted_node(folder: Path) -> tuple[str, ...]:
