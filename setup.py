@@ -86,7 +86,10 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.10,<3.14",
     packages=find_packages(include=["biodyn_core", "biodyn_core.*", "biodyn_ros", "biodyn_ros.*"]),
-    package_data={"biodyn_core": ["tracing/learned.json"], "biodyn_ros": ["page/*", "templates/*"]},
+    package_data={
+        "biodyn_core": ["tracing/learned.json", "population/population.json", "population/references.yaml"],
+        "biodyn_ros": ["page/*", "templates/*"],
+    },
     data_files=data_files(),
     # SciPy 1.11 and numpy 1.26 are those of Ubuntu 24.04.
     install_requires=["numpy>=1.26", "scipy>=1.11", "PyYAML>=6.0"],

@@ -1,4 +1,4 @@
-"""`python -m blind [recovery | sessions ... | predictions ... | tracing ... | laws ... | train ...]`: a study.
+"""`python -m blind [recovery | STUDY OPTION...]`: a study; STUDIES lists them.
 
 Without a name recovery and tracing run. The exit code is 1 for a missed mark.
 """
@@ -6,14 +6,26 @@ Without a name recovery and tracing run. The exit code is 1 for a missed mark.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Final
 
+from blind.population import __main__ as population
 from blind.predictions import __main__ as predictions
 from blind.recovery import __main__ as recovery
 from blind.sessions import __main__ as sessions
 from blind.tracing import __main__ as tracing
 from blind.tracing import laws
 from blind.training import __main__ as training
+
+STUDIES: Final[dict[str, Callable[[Sequence[str]], int]]] = {
+    "sessions": sessions.main,
+    "predictions": predictions.main,
+    "population": population.main,
+    "tracing": tracing.main,
+    "laws": laws.main,
+    "train": training.main,
+}
+"""The studies that take options, by name."""
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -23,19 +35,10 @@ def main(arguments: Sequence[str]) -> int:
     name, *rest = arguments
     if name == "recovery" and not rest:
         return recovery.main()
-    if name == "tracing":
-        return tracing.main(rest)
-    if name == "sessions":
-        return sessions.main(rest)
-    if name == "predictions":
-        return predictions.main(rest)
-    if name == "laws":
-        return laws.main(rest)
-    if name == "train":
-        return training.main(rest)
+    if name in STUDIES:
+        return STUDIES[name](rest)
     print(
-        f"blind: {' '.join(arguments)!r} is no study; known are recovery, and with options sessions, predictions,"
-        " tracing, laws, train",
+        f"blind: {' '.join(arguments)!r} is no study; known are recovery, and with options {', '.join(STUDIES)}",
         file=sys.stderr,
     )
     return 2

@@ -27,14 +27,14 @@ from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import bag_file, config_file, subject_file, subject_names
 from biodyn_ros.commands import fit, info, trace
-from biodyn_ros.commands.cli import main
+from biodyn_ros.commands.cli import main, parsed
 from biodyn_ros.commands.completion import script
 from biodyn_ros.commands.parsing import CommandParser
-from biodyn_ros.commands.table import GROUPS, NAMES, command_of, parser
+from biodyn_ros.commands.table import GROUPS, NAMES, NESTED, command_of, parser
 from biodyn_ros.node.params import names
 
 ROOT = Path(__file__).resolve().parents[1]
-EXAMPLES = [example for name in NAMES for example in command_of(name).examples]
+EXAMPLES = [example for name in (*NAMES, *NESTED) for example in command_of(name).examples]
 TOO_LONG = ("fit", "subject", "trace", "demo", "play", "live", "page")
 """Commands whose examples are parsed, not run: they take minutes, or never end."""
 
@@ -70,7 +70,8 @@ def test_the_help_fits_a_screen_and_lists_every_command_once(capsys: pytest.Capt
     assert max(map(len, lines)) <= 80
     listed = [name for names_of in GROUPS.values() for name in names_of]
     files = [path for path in (ROOT / "biodyn_ros/commands").glob("*.py") if "\nCOMMAND = Command(" in path.read_text()]
-    assert sorted(listed) == sorted(path.stem.replace("_", "-") for path in files)
+    known = [*listed, *(name.replace(" ", "-") for name in NESTED)]
+    assert sorted(known) == sorted(path.stem.replace("_", "-") for path in files)
     assert max(len(command_of(name).line) for name in NAMES) <= 48  # beside a name as long as import-blue-trident
     rows = [match[1] for match in re.finditer(r"^  .{8}([a-z-]+) +\S", out, re.MULTILINE)]
     assert rows == listed
@@ -188,7 +189,7 @@ def test_the_example_runs(
 def test_the_example_is_parsed(monkeypatch: pytest.MonkeyPatch, place: Path, example: str) -> None:
     monkeypatch.chdir(place)
     words = words_of(example)
-    options = parser([words[0]]).parse_args(words)
+    options = parsed(words)
     assert all(Path(word).exists() for word in words if word.endswith(".mcap"))
     settings: dict[str, Callable[[Any], Any]] = {"fit": fit.how_of, "trace": trace.how_of}
     if words[0] in settings:
@@ -303,7 +304,7 @@ def started(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 LOADED_BY = """
 import contextlib, json, sys
-from biodyn_ros.commands.cli import main
+from biodyn_ros.commands.cli import main, parsed
 for arguments in json.loads(sys.argv[1]):
     before = set(sys.modules)
     with contextlib.suppress(SystemExit):

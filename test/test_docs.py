@@ -22,8 +22,7 @@ from biodyn_core.body.subject import load_subject
 from biodyn_core.body.synthesis import SensorSettings
 from biodyn_ros.base.environment import hold_domain
 from biodyn_ros.base.resources import bag_file, subject_file
-from biodyn_ros.commands.cli import main
-from biodyn_ros.commands.table import parser
+from biodyn_ros.commands.cli import main, parsed
 from biodyn_ros.fit.campaign_file import load_campaign
 from biodyn_ros.simulate import motion_of_cases, simulate_bag
 
@@ -152,7 +151,7 @@ def commands(page: str) -> list[str]:
 @pytest.mark.parametrize("line", [pytest.param(line, id=line[:60]) for page in PAGES for line in commands(page)])
 def test_every_command_of_every_page_is_parsed(line: str) -> None:
     words = shlex.split(line)[1:]
-    parser([words[0]]).parse_args(words if words[0] != "live" else words[:1])
+    parsed(words if words[0] != "live" else words[:1])
 
 
 @pytest.mark.timeout(900)

@@ -18,6 +18,7 @@ PACKAGES = (
     "kernels",
     "signals",
     "body",
+    "population",
     "conditioning",
     "exposure",
     "recording",

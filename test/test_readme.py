@@ -60,7 +60,7 @@ def test_the_tables_of_commands_list_the_existing_commands() -> None:
     def listed(page: str) -> list[str]:
         return re.findall(r"^\| `biodyn ([a-z-]+)", page, re.MULTILINE)
 
-    assert sorted(listed(COMMANDS)) == sorted(NAMES)
+    assert set(listed(COMMANDS)) == set(NAMES)
     assert len(listed(README)) == 5
     assert set(listed(README)) < set(NAMES)
 

@@ -41,11 +41,11 @@ of it is the sensors'. That of the rms of forces is smaller: errors above a join
 
 @dataclass(frozen=True)
 class FigureSpread:
-    """Standard deviations of the logarithms of one channel's mean (aw, rms), VDV and peaks."""
+    """Standard deviations of the logarithms of one channel's mean (aw, rms), VDV and peaks; None if not known."""
 
     of_means: float
     of_vdv: float
-    of_peaks: float
+    of_peaks: float | None
 
 
 def interval(value: float, spread: float) -> tuple[float, float]:

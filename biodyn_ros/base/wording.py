@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Iterable, Sequence
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from biodyn_core.base.wording import counted, decimal_places, number
+
+if TYPE_CHECKING:
+    from biodyn_core.body.origin import Origin
 
 _GROUPS: Final = {
     "natural_frequency_hz": "natural frequency",
@@ -30,6 +33,18 @@ INTERVAL_MEANS: Final = (
     "95 % interval of the true figure, from the residual in events that the subject was not fitted to, and from the"
     " uncertainty of its parameters."
 )
+
+INTERVAL_OF_GROUP: Final = (
+    "The 95 % interval is that of people of this mass in published groups. What the model misses of them is not in it."
+)
+
+ORIGIN: Final[dict[Origin, str]] = {
+    "person": "fitted to recordings of this person",
+    "group": "of published groups of people, without a recording of this person",
+    "paper": "printed in the paper, whose recordings are not public",
+    "unknown": "of unknown origin, which its file does not state",
+}
+"""Where a subject's parameters are from; continues `parameters`."""
 
 INTERVAL_OF_MISFIT: Final = (
     "The interval does not hold while the model does not fit, as in a part of this record or in all of it."

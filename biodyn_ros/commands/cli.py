@@ -14,7 +14,7 @@ from biodyn_core.base.suggestions import did_you_mean
 from biodyn_ros.base.environment import ONE_THREAD
 from biodyn_ros.commands.live import run_node
 from biodyn_ros.commands.parsing import EXIT_INPUT
-from biodyn_ros.commands.table import NAMES, command_of, parser
+from biodyn_ros.commands.table import NAMES, NESTED, command_of, nested, parser
 
 EXIT_INTERRUPTED: Final = 130
 TOP_LEVEL: Final = ("-h", "--help", "--version")
@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if given[:2] == ["live", "--ros-args"]:
             return run_node(given[1:])  # ROS parses the arguments
-        options = _parsed(given)  # imports for some seconds, during which Ctrl-C must work
+        options = parsed(given)  # imports for some seconds, during which Ctrl-C must work
         return command_of(options.command).run(options) or 0
     except InputError as error:
         print(f"biodyn {name}: {error}", file=sys.stderr)
@@ -64,9 +64,11 @@ def _flush() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _parsed(given: list[str]) -> argparse.Namespace:
+def parsed(given: list[str]) -> argparse.Namespace:
     """Parse the arguments; only the given subcommand is built, because its settings cost imports."""
     name = given[0] if given else ""
+    if (words := " ".join(given[:2])) in NESTED:
+        return nested(words).parse_args(given[2:])
     command_line = parser([name] if name in NAMES else [])
     if not name:
         command_line.error("no command is given")

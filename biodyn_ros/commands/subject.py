@@ -152,7 +152,7 @@ COMMAND = Command(
     line="makes a subject from sessions in one go",
     examples=(
         "biodyn subject session.mcap --subject anna.yaml -o anna",
-        "biodyn subject session.mcap session_2.mcap --subject anna.yaml -o anna --cases conditions.csv",
+        "biodyn subject new --mass 75 --stature 1.75 -o anna.yaml",
         "biodyn subject --campaign people.yaml -o people --executor processes:4",
     ),
     add=_add,

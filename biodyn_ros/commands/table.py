@@ -24,10 +24,14 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
 
 NAMES: Final = tuple(name for names in GROUPS.values() for name in names)
 
+NESTED: Final = ("subject new",)
+"""Commands of two words: the first is a command of its own as well."""
+
 
 def command_of(name: str) -> Command:
-    """The command with this name of NAMES."""
-    found: Command = import_module(f"biodyn_ros.commands.{name.replace('-', '_')}").COMMAND
+    """The command with this name of NAMES or NESTED."""
+    module = name.replace("-", "_").replace(" ", "_")
+    found: Command = import_module(f"biodyn_ros.commands.{module}").COMMAND
     return found
 
 
@@ -60,12 +64,29 @@ def parser(names: Iterable[str] = NAMES) -> WholeParser:
     return whole
 
 
+def nested(name: str) -> CommandParser:
+    """The parser of a command of NESTED."""
+    what = command_of(name)
+    made = CommandParser(prog=f"biodyn {name}", description=_described(what), examples=what.examples)
+    _fill(made, what)
+    made.set_defaults(command=name)
+    return made
+
+
+def _described(what: Command) -> str:
+    return f"{what.line[0].upper()}{what.line[1:]}."
+
+
 def _added(commands: Any, name: str, what: Command) -> CommandParser:
-    line = what.line
     added: CommandParser = commands.add_parser(
-        name, help=line, description=line[0].upper() + line[1:] + ".", examples=what.examples
+        name, help=what.line, description=_described(what), examples=what.examples
     )
-    if what.json:
-        added.add_argument("--json", action="store_true", help="print the result as JSON on stdout")
-    what.add(added)
+    _fill(added, what)
     return added
+
+
+def _fill(command: CommandParser, what: Command) -> None:
+    """Add the arguments of a command."""
+    if what.json:
+        command.add_argument("--json", action="store_true", help="print the result as JSON on stdout")
+    what.add(command)

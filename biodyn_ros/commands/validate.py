@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from biodyn_core.base.errors import InputError
 from biodyn_ros.base.progress import Progress
 from biodyn_ros.commands.arguments import (
     Result,
-    add_bag,
     add_reading,
     add_settings,
     add_subject,
@@ -17,6 +17,7 @@ from biodyn_ros.commands.arguments import (
     reading_of,
     run_each,
     settings_of,
+    show,
 )
 from biodyn_ros.commands.command import Command
 from biodyn_ros.commands.parsing import CommandParser
@@ -29,7 +30,10 @@ def _add(command: CommandParser) -> None:
     from biodyn_core.signals.spectrum_settings import SpectrumSettings
     from biodyn_ros.validate.settings import ValidationSettings
 
-    add_bag(command)
+    command.add_argument("bag", nargs="?", metavar="BAG", help="a .mcap or .db3 file, or the directory of a recording")
+    command.add_argument(
+        "--people", action="store_true", help="compare the subject with published groups of people, without a bag"
+    )
     add_subject(command)
     add_reading(command)
     command.add_argument("--case", metavar="CASE", help="loading condition (default: by the bag's name)")
@@ -44,6 +48,32 @@ def _add(command: CommandParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
+    if options.people == bool(options.bag):
+        raise InputError("either BAG or --people is needed; biodyn validate -h shows how")
+    (_people if options.people else _events)(options)
+
+
+def _people(options: argparse.Namespace) -> None:
+    from biodyn_core.body.subject import load_subject
+    from biodyn_core.population.beside import beside_people
+    from biodyn_ros.base.files import check_directory
+    from biodyn_ros.base.resources import subject_file
+    from biodyn_ros.validate.people_document import people_document
+    from biodyn_ros.validate.people_text import text_of
+
+    subject = load_subject(subject_file(options.subject))
+    if options.output:
+        check_directory(Path(options.output))
+        check_reports(options)
+    found = beside_people(subject, options.as_printed)
+    if options.output:
+        from biodyn_ros.validate.people_page import write_people
+
+        write_people(found, Path(options.output), not options.no_report)
+    show(options, people_document(found), text_of(found))
+
+
+def _events(options: argparse.Namespace) -> None:
     from biodyn_core.body.subject import load_subject
     from biodyn_core.signals.spectrum_settings import SpectrumSettings
     from biodyn_ros.base.files import check_directory
@@ -79,7 +109,10 @@ def _run(options: argparse.Namespace) -> None:
 
 COMMAND = Command(
     line="compares a prediction with a measured event",
-    examples=("biodyn validate rail.mcap --subject anna_fitted.yaml -o results",),
+    examples=(
+        "biodyn validate rail.mcap --subject anna_fitted.yaml -o results",
+        "biodyn validate --people --subject anna_fitted.yaml -o results",
+    ),
     add=_add,
     run=_run,
 )

@@ -18,12 +18,14 @@ import numpy as np
 
 from biodyn_core.base.segments import SEAT
 from biodyn_core.base.wording import counted
+from biodyn_core.body.origin import origin_of
+from biodyn_core.body.subject import Subject
 from biodyn_core.conditioning.clocks import ClockComparison, ClockDrift
 from biodyn_core.conditioning.conditioned import SensorStatus
 from biodyn_core.pipeline.fit_monitor import Misfit
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.run_status import RunStatus
-from biodyn_ros.base.wording import DOES_NOT_FIT, FITS_AGAIN, MODEL, left_range, misfit_line, words
+from biodyn_ros.base.wording import DOES_NOT_FIT, FITS_AGAIN, MODEL, ORIGIN, left_range, misfit_line, words
 from biodyn_ros.node.exposure_store import ExposureStore
 
 SILENT_AFTER_S: Final = 0.5
@@ -319,11 +321,17 @@ def prediction_status(
         "settling": str(is_settling(seen)).lower(),
         "last_mark": mark,
         "fits": f"unknown: {pipeline.not_monitored}" if pipeline.not_monitored else str(not lasting).lower(),
-        "intervals": f"none: {pipeline.no_interval}" if pipeline.no_interval else "95 %",
+        "origin": ORIGIN[origin_of(subject)],
+        "intervals": f"none: {pipeline.no_interval}" if pipeline.no_interval else _interval_of(subject),
     }
     for output, latency in run.latency.items():
         values[f"{output}_latency_ms"] = " + ".join(f"{1e3 * part:.3f}" for part in latency)
     return Status("prediction", level, message, values)
+
+
+def _interval_of(subject: Subject) -> str:
+    """Whom the intervals describe."""
+    return "95 % of people in published groups" if origin_of(subject) == "group" else "95 %"
 
 
 def _misfit_text(misfit: Misfit) -> str:

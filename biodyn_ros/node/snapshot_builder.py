@@ -12,6 +12,7 @@ import numpy as np
 
 from biodyn_core.base.quantiles import NORMAL_95
 from biodyn_core.base.segments import HEAD, N_SEGMENTS, N_SENSORS, SEAT, SEGMENTS, SENSORS
+from biodyn_core.body.origin import origin_of
 from biodyn_core.exposure.limit_assessment import SeatExposure
 from biodyn_core.exposure.limits import LimitSet, Measure
 from biodyn_core.exposure.losses import Losses
@@ -22,7 +23,7 @@ from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.shocks import Shock, Shocks
 from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
-from biodyn_ros.base.wording import words
+from biodyn_ros.base.wording import ORIGIN, words
 from biodyn_ros.node.health import ERROR, SILENT_AFTER_S, Mark, Status
 from biodyn_ros.reports.downsampling import Bins, MinMaxDownsampler
 from biodyn_ros.reports.exposure_json import dri_document
@@ -75,6 +76,8 @@ class SnapshotBuilder:
             "version": __version__,
             "subject": pipeline.subject.name,
             "mass_matrix": pipeline.subject.mass_matrix,
+            "origin": ORIGIN[origin_of(pipeline.subject)],
+            "of_group": origin_of(pipeline.subject) == "group",
             "window_s": pipeline.settings.window_s,
             "shock_mps2": self._shock_mps2,
             "limits": pipeline.limits.deciding.to_dict(),

@@ -413,7 +413,7 @@ function terms(of) {
   const range = of.prediction.extrapolated ? ", and the seat motion exceeds that of the recordings fitted" : "";
   const model = ` They are not validated for this vehicle and seat${range}.`;
   const why = of.verdict.reasons.slice(1).join(" ");
-  return `${why} Subject ${of.subject} (${of.mass_matrix}). Rolling window ${of.window_s} s. Limits of ${limits.source}, action / limit: `
+  return `${why} Subject ${of.subject} (${of.mass_matrix}): parameters ${of.origin}. Rolling window ${of.window_s} s. Limits of ${limits.source}, action / limit: `
     + `A(8) ${pair("a8_mps2", "m/s²")}, VDV ${pair("vdv_mps175", "m/s¹·⁷⁵")}; assessed from the seat only, since reset`
     + `${of.seat ? `, ${number(of.seat.counted_s)} s counted, ${number(of.seat.missing_s)} s missing` : ""}. `
     + `Predictions come from a model and are not measurements.${model} ${intervals(of)} Model: ${of.prediction.message}.${kept} biodyn ${of.version}.`;
@@ -421,6 +421,10 @@ function terms(of) {
 
 function intervals(of) {
   if (of.no_interval !== null) return `Predictions for ${of.subject} have no 95 % interval: ${of.no_interval}.`;
+  if (of.of_group) {
+    return "Small figures and the light band: the 95 % interval of people of this mass in published groups. What the model misses of them"
+      + " is not in it. The band of a second is drawn when the second is over.";
+  }
   return "Small figures and the light band: 95 % interval of the true figure or acceleration, from the residual in events"
     + " that the subject was not fitted to, and from the uncertainty of its parameters. The band of a second is drawn when the second is over."
     + (of.fit.fits === false ? " It does not hold now, because the model does not fit." : "");

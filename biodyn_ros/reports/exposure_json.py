@@ -52,6 +52,7 @@ def exposure_document(report: ExposureReport) -> Document:
             name: _joint(name, found) | report.force_intervals(name)._asdict() | status
             for name, found in report.joint_forces.items()
         },
+        "origin": report.origin,
         "no_interval": report.no_interval or None,
         "body_mass_kg": report.body_mass_kg,
         "lifts_off": report.lifts_off,

@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 from biodyn_core.base.segments import HEAD, SEAT, SEGMENTS, SENSORS
 from biodyn_core.base.wording import counted
 from biodyn_core.body.model import Chain
+from biodyn_core.body.origin import Origin, origin_of
 from biodyn_core.body.subject import Subject
 from biodyn_core.conditioning.conditioner import Mode
 from biodyn_core.exposure.injury import Dri, Hic
@@ -21,7 +22,15 @@ from biodyn_core.exposure.meters import Dose
 from biodyn_core.pipeline.intervals import SegmentSpread
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.run_status import RunStatus
-from biodyn_ros.base.wording import INTERVAL_MEANS, INTERVAL_OF_BOUND, INTERVAL_OF_MISFIT, MODEL, left_range, stuck
+from biodyn_ros.base.wording import (
+    INTERVAL_MEANS,
+    INTERVAL_OF_BOUND,
+    INTERVAL_OF_GROUP,
+    INTERVAL_OF_MISFIT,
+    MODEL,
+    left_range,
+    stuck,
+)
 from biodyn_ros.reading.marks import Mark
 from biodyn_ros.reports.intervals import DoseIntervals, ForceIntervals, dose_intervals, force_intervals
 
@@ -69,9 +78,9 @@ class ExposureReport:
 
     sensors: Wk-weighted, before the low-pass. predicted and measured_low_passed: comparable with each other.
     also_weighted: by weighting and sensor. seat: None before it has counted. joint_forces: predicted, by the segment
-    above the joint. spreads: of the predicted figures, by segment; no_interval: why there is none, empty if there are.
-    not_monitored: why misfits are not searched for, empty if they are. warnings to is_made_by_model: of the bag; times:
-    the stamps used, by sensor.
+    above the joint. origin: of the subject's parameters. spreads: of the predicted figures, by segment; no_interval:
+    why there is none, empty if there are. not_monitored: why misfits are not searched for, empty if they are. warnings
+    to is_made_by_model: of the bag; times: the stamps used, by sensor.
     """
 
     bag: str
@@ -94,6 +103,7 @@ class ExposureReport:
     residual: Mapping[str, Residual]
     joint_forces: Mapping[str, JointExposure]
     body_mass_kg: float
+    origin: Origin = "unknown"
     spreads: Mapping[str, SegmentSpread] = field(default_factory=dict)
     no_interval: str = ""
     misfits: Sequence[MisfitTime] = ()
@@ -123,7 +133,7 @@ class ExposureReport:
             return [f"Predictions for {self.subject} have no 95 % interval: {self.no_interval}."]
         has_bounds = any(channel.losses.lower_bound for channel in self.predicted.values())
         return [
-            INTERVAL_MEANS,
+            INTERVAL_OF_GROUP if self.origin == "group" else INTERVAL_MEANS,
             *([INTERVAL_OF_BOUND] if has_bounds else []),
             *([INTERVAL_OF_MISFIT] if self.misfits else []),
         ]
@@ -176,6 +186,7 @@ def exposure_report(pipeline: Pipeline, bag: str = "", project: bool = False) ->
         },
         joint_forces=_joints(since.joint_forces, pipeline.subject, unpredicted),
         body_mass_kg=pipeline.subject.body_mass_kg,
+        origin=origin_of(pipeline.subject),
         spreads=since.spreads,
         no_interval="" if since.spreads else pipeline.no_interval or "no whole second was predicted",
         misfits=list(_misfits(pipeline)),

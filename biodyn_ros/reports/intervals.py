@@ -51,6 +51,6 @@ def force_intervals(force: JointForce, spread: SegmentSpread | None) -> ForceInt
     )
 
 
-def figure_interval(value: float, spread: float) -> Interval | None:
-    """The interval of a figure; None for zero, which has no logarithm."""
-    return interval(value, spread) if value > 0.0 else None
+def figure_interval(value: float, spread: float | None) -> Interval | None:
+    """The interval of a figure; None for zero, which has no logarithm, and for an unknown spread."""
+    return interval(value, spread) if spread is not None and value > 0.0 else None

@@ -1,0 +1,106 @@
+"""A subject beside published groups of people: what lies outside two standard deviations, and how it softens."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from biodyn_core.base.arrays import Flags, Floats
+from biodyn_core.body.subject import Subject
+from biodyn_core.population.curves import Curves, curves
+from biodyn_core.population.references import Band, Softening, exponent, references
+
+MAGNITUDE_MPS2: Final = 1.0
+"""Of the vibration at which the curves are compared. That of the 60 people could not be read; the choice is ours."""
+
+DEVIATIONS: Final = 2.0
+FACTOR: Final = 2.0
+"""A softening agrees with a published one if it has its sign and is within this factor."""
+
+
+@dataclass(frozen=True)
+class Softened:
+    """The resonances of a subject at the magnitudes of a published group."""
+
+    published: Softening
+    resonances_hz: tuple[float, float]
+
+    @property
+    def exponent(self) -> float:
+        """The exponent n of resonance ~ magnitude^n of the subject."""
+        return exponent(self.published.magnitudes_mps2, self.resonances_hz)
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the resonance changes with the published sign, and within `FACTOR` of its size."""
+        ratio = self.exponent / self.published.exponent
+        return 1.0 / FACTOR <= ratio <= FACTOR
+
+
+@dataclass(frozen=True)
+class Outside:
+    """A range of frequencies where modulus or phase lies outside; value and limits are those of its farthest line."""
+
+    quantity: str
+    begin_hz: float
+    end_hz: float
+    at_hz: float
+    value: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True, eq=False)
+class BesidePeople:
+    """A subject's curves beside the band of the group, its softening, and what lies outside."""
+
+    subject: Subject
+    curves: Curves
+    band: Band
+    softened: tuple[Softened, ...]
+    outside: tuple[Outside, ...]
+
+    def share_within(self, deviations: float) -> tuple[float, float]:
+        """Shares of frequencies with modulus and with phase within so many standard deviations of the mean."""
+        modulus, phase = (
+            np.abs(value - mean) / sd <= deviations for _, value, mean, sd in _compared(self.curves, self.band)
+        )
+        return float(np.mean(modulus)), float(np.mean(phase))
+
+
+def beside_people(subject: Subject, as_printed: bool = False) -> BesidePeople:
+    """Compare a subject with the references; raises InputError as `curves`."""
+    found = references()
+    at_one = curves(subject, MAGNITUDE_MPS2, as_printed)
+    band = found.apparent_mass.band(at_one.frequency_hz)
+    softened = []
+    for published in found.softening:
+        low, high = (curves(subject, one, as_printed).resonance_hz for one in published.magnitudes_mps2)
+        softened.append(Softened(published, (low, high)))
+    return BesidePeople(subject, at_one, band, tuple(softened), tuple(_outside(at_one, band)))
+
+
+def _compared(of: Curves, band: Band) -> Iterator[tuple[str, Floats, Floats, Floats]]:
+    """Name, value, mean and standard deviation of modulus and phase, over frequency."""
+    yield "modulus", np.abs(of.apparent_mass), band.modulus, band.modulus_sd
+    yield "phase", np.degrees(np.angle(of.apparent_mass)), band.phase_deg, band.phase_sd_deg
+
+
+def _outside(of: Curves, band: Band) -> Iterator[Outside]:
+    for quantity, value, mean, sd in _compared(of, band):
+        away = np.abs(value - mean) / sd
+        for begin, end in _stretches(away > DEVIATIONS):
+            at = begin + int(np.argmax(away[begin:end]))
+            yield Outside(
+                quantity, float(of.frequency_hz[begin]), float(of.frequency_hz[end - 1]), float(of.frequency_hz[at]),
+                float(value[at]), float(mean[at] - DEVIATIONS * sd[at]), float(mean[at] + DEVIATIONS * sd[at]),
+            )  # fmt: skip
+
+
+def _stretches(flags: Flags) -> list[tuple[int, int]]:
+    """Begin and end of every run of flags."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

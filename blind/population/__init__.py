@@ -1,0 +1,1 @@
+"""The population: derived from published groups of people, and compared with them."""
