@@ -108,6 +108,7 @@ def test_deviations_and_nan_fail(value) -> None:
     assert not Row("a", value, 1.0, 1e-3, absolute=True).passes
 
 
+@pytest.mark.usefixtures("shared_data")  # the printed factors are there
 def test_a_gain_fails_by_curve_and_by_print_alone() -> None:
     def gains(factor: float) -> weightings.GainTable:
         found = weightings.Gain(0, 1129.3, factor * float(twins.curve("Wk", 1.0)))

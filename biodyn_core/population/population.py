@@ -17,11 +17,13 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SEGMENTS
 from biodyn_core.body import parameter_spread
 from biodyn_core.body.origin import GROUP
 from biodyn_core.body.parameter_spread import ParameterSpread
 from biodyn_core.body.parameters import LOWER, N_PARAMETERS, PARAMETERS, STIFFENING, UPPER, Parameters
 from biodyn_core.body.subject import Subject
+from biodyn_core.effects import CATALOGUE, AppliedEffect
 
 FILE: Final = "population.json"
 VERSION: Final = 1
@@ -36,14 +38,27 @@ MASS_KG: Final = (40.0, 120.0)
 STATURE_M: Final = (1.4, 2.0)
 """Beyond these a subject is marked as extrapolated."""
 
+AT_BOUND: Final = 0.005
+"""Least distance of a parameter from its bounds, as a share of the range of its logarithm: places are finite."""
+
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """Mean (13,) and covariance (13, 13) of the places of ln theta; provenance: how they were derived."""
+    """Mean (13,) and covariance (13, 13) of the places of ln theta; provenance: how they were derived.
+
+    The mean has the mean response of the group. softening: values of thixotropy, the same in every joint, by which the
+    resonance falls with magnitude as published. The parameters are those at rest.
+    """
 
     mean: Floats
     covariance: Floats
+    softening: Mapping[str, float]
     provenance: Mapping[str, Any]
+
+    @property
+    def effects(self) -> tuple[AppliedEffect, ...]:
+        """The effects of everybody in the population."""
+        return tuple(AppliedEffect(CATALOGUE["thixotropy"], segment, self.softening) for segment in SEGMENTS)
 
     def draw(self, rng: np.random.Generator, count: int) -> Floats:
         """Theta (count, 15) of people of the population."""
@@ -58,6 +73,13 @@ class Population:
 
 
 _NAMES: Final = tuple(parameter.name for parameter in PARAMETERS[SPREAD])
+
+
+def places_of(theta: Floats) -> Floats:
+    """The places (..., 13) of theta (..., 15), the inverse of `theta_of`; at a bound `AT_BOUND` away from it."""
+    share = np.log(theta[..., SPREAD] / LOWER[SPREAD]) / np.log(UPPER / LOWER)[SPREAD]
+    inside = np.clip(share, AT_BOUND, 1.0 - AT_BOUND)
+    return np.asarray(np.log(inside / (1.0 - inside)))
 
 
 def theta_of(places: Floats) -> Floats:
@@ -79,7 +101,8 @@ def population_from(text: str) -> Population:
     stored = json.loads(text)
     if stored.get("version") != VERSION:
         raise InputError(f"{FILE}: version {stored.get('version')}, expected {VERSION}: make blind ARGS=population")
-    return Population(np.array(stored["mean"]), np.array(stored["covariance"]), stored["provenance"])
+    mean, covariance = np.array(stored["mean"]), np.array(stored["covariance"])
+    return Population(mean, covariance, stored["softening"], stored["provenance"])
 
 
 def to_text(of: Population) -> str:
@@ -89,6 +112,7 @@ def to_text(of: Population) -> str:
         "parameters": list(_NAMES),
         "mean": of.mean.tolist(),
         "covariance": of.covariance.tolist(),
+        "softening": dict(of.softening),
         "provenance": dict(of.provenance),
     }
     return json.dumps(stored, indent=1) + "\n"
@@ -103,7 +127,7 @@ def beyond(body_mass_kg: float, stature_m: float) -> str:
 
 
 def new_subject(name: str, body_mass_kg: float, stature_m: float) -> Subject:
-    """A subject with the mean parameters of the population and masses in proportion to the body's.
+    """A subject with the mean parameters and the effects of the population, and masses in proportion to the body's.
 
     Its provenance has the covariance, by which predictions have the spread of the population as their band. Raises
     InputError for a mass or stature that no subject may have.
@@ -117,4 +141,4 @@ def new_subject(name: str, body_mass_kg: float, stature_m: float) -> Subject:
     }
     rounded = [float(f"{value:.4g}") for value in theta_of(people.mean)]
     parameters = Parameters.from_vector(rounded)
-    return Subject(name, body_mass_kg, stature_m, "segment", parameters, provenance=provenance)
+    return Subject(name, body_mass_kg, stature_m, "segment", parameters, people.effects, provenance)

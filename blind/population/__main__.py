@@ -32,7 +32,7 @@ def study(people: int) -> Study:
     mean = new_subject("mean of the population", BODY_MASS_KG, 1.75)
     printed = [load_subject(ROOT / "config" / "subjects" / f"{name}.yaml") for name in PAPER]
     subjects = [beside_people(one) for one in (mean, *printed)]
-    return Study(store.population(), subjects, covered(people), head.rows(), softening.rows(mean))
+    return Study(store.population(), subjects, covered(people), head.rows(), softening.rows(Derivation()))
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -32,10 +32,15 @@ def covered(people: int) -> dict[str, float]:
         seat = _seat(case)
         predicted = _exposure(new_subject("mean", BODY_MASS_KG, 1.75), seat)
         for theta in population().draw(rng, people):
-            person = Subject("drawn", BODY_MASS_KG, 1.75, "segment", Parameters.from_vector(theta))
+            person = person_of(theta)
             for figure, inside in _inside(predicted, _exposure(person, seat)):
                 hits.setdefault(figure, []).append(inside)
     return {figure: 100.0 * float(np.mean(found)) for figure, found in hits.items()}
+
+
+def person_of(theta: NDArray[np.float64]) -> Subject:
+    """A subject of the population with this theta (15,)."""
+    return Subject("drawn", BODY_MASS_KG, 1.75, "segment", Parameters.from_vector(theta), population().effects)
 
 
 def _seat(case: str) -> NDArray[np.float64]:

@@ -1,19 +1,25 @@
-"""Softening: the resonance over magnitude of the population's mean, without and with thixotropy in its joints."""
+"""Softening: the resonance over magnitude, without and with thixotropy in some joints or in all.
+
+The stiffness at rest is raised in each case, so that the curves at the magnitude of the comparison stay.
+"""
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
 from biodyn_core.base.segments import SEGMENTS
+from biodyn_core.body.parameters import STIFFENING, Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.population.beside import BesidePeople, beside_people
+from biodyn_core.population.population import theta_of
+from biodyn_core.population.references import references
+from blind.population.deriving import BODY_MASS_KG, FREQUENCY_HZ, Derivation, nearest, stiffened
 
-SOFTENINGS: Final = (0.5, 0.7, 0.9)
-RATE_MPS: Final = 0.01
-TAU_S: Final = 4.0
+SOFTENINGS: Final = (0.5, 0.7, 0.8, 0.9)
 SITES: Final = {"pelvis alone": SEGMENTS[:1], "torso": SEGMENTS[:4], "all joints": SEGMENTS}
 
 
@@ -26,12 +32,19 @@ class SofteningRow:
     found: BesidePeople
 
 
-def rows(subject: Subject) -> list[SofteningRow]:
-    """The subject without the effect, and with it at several sites and strengths."""
-    found = [SofteningRow("none", 0.0, beside_people(subject))]
+def rows(how: Derivation) -> list[SofteningRow]:
+    """The chain with the published mean without the effect, and with it at several sites and strengths."""
+    target = references().apparent_mass.mean(FREQUENCY_HZ)
+    theta = theta_of(nearest(target, np.zeros(STIFFENING), how.centre_spread, how))
+    found = [SofteningRow("none", 0.0, _beside(theta, ()))]
     for words, sites in SITES.items():
         for softening in SOFTENINGS:
-            values = {"softening": softening, "rate_mps": RATE_MPS, "tau_s": TAU_S}
+            values = {"softening": softening, "rate_mps": how.rate_mps, "tau_s": how.tau_s}
             effects = tuple(AppliedEffect(CATALOGUE["thixotropy"], site, values) for site in sites)
-            found.append(SofteningRow(words, softening, beside_people(dataclasses.replace(subject, effects=effects))))
+            at_rest = stiffened(theta, softening, how.rate_mps, sites)
+            found.append(SofteningRow(words, softening, _beside(at_rest, effects)))
     return found
+
+
+def _beside(theta: np.ndarray, effects: tuple[AppliedEffect, ...]) -> BesidePeople:
+    return beside_people(Subject("chain", BODY_MASS_KG, 1.75, "segment", Parameters.from_vector(theta), effects))
