@@ -1,4 +1,7 @@
-"""The demo: one process plays the bundled bag, another is the live node, this one prints exposure and residual."""
+"""The demo: a new subject, the live node on the bundled bag, the replay, and the paper's subjects beside it.
+
+One process plays the bag, another is the live node, this one prints exposure and residual.
+"""
 
 from __future__ import annotations
 
@@ -18,17 +21,24 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT
 from biodyn_core.base.wording import number
 from biodyn_core.body.subject import load_subject
+from biodyn_core.population.population import new_subject
 from biodyn_ros.base import topics
-from biodyn_ros.base.files import check_directory
+from biodyn_ros.base.files import check_directory, make_directory, write_text
 from biodyn_ros.base.resources import bag_file, subject_file
+from biodyn_ros.base.wording import words
 from biodyn_ros.reading.provenance import MADE_BY_MODEL
-from biodyn_ros.replay.replaying import replay_to_directory
+from biodyn_ros.replay.replaying import replay, replay_to_directory
 from biodyn_ros.replay.text import summary
+from biodyn_ros.reports.exposure_report import ExposureReport
+from biodyn_ros.reports.intervals import dose_intervals
 from biodyn_ros.reports.pages import check_reports
 
 BAG: Final = "subject_1.mcap"
 START_WITHIN_S: Final = 60.0
 QUIET_S: Final = 3.0
+
+PAPER: Final = ("subject_1", "subject_2")
+NEW: Final = "me.yaml"
 
 DEPTH: Final = 20_000
 """More messages than the bag has of any sensor, so that no queue drops a sample on a slow machine."""
@@ -75,14 +85,15 @@ class _Observer(Node):
         return f"{shown}   {residual}   {self.state}"
 
 
-def demo(out: Path, subject_name: str) -> None:
-    """Run the demo and write report, exposure and predicted bag to `out`.
+def demo(out: Path, subject_name: str | None = None) -> None:
+    """Run the demo and write report, exposure and predicted bag to `out`; without a subject a new one is made there.
 
     Raises InputError if a process fails, or if the live node gives no value, after the offline results are written.
     """
     check_directory(out)
     check_reports()
-    bag, subject_path = bag_file(BAG), subject_file(subject_name)
+    bag = bag_file(BAG)
+    subject_path = subject_file(subject_name) if subject_name else _new_subject(out)
     subject = load_subject(subject_path)
     print(f"playing {bag.name} onto six topics; the live node predicts {subject.name}\n{MADE_BY_MODEL}\n")
     rclpy.init()
@@ -102,6 +113,7 @@ def demo(out: Path, subject_name: str) -> None:
     print("\nthe same bag, processed offline by the same pipeline:\n")
     replayed = replay_to_directory(bag, subject, out)
     print(summary(replayed.report))
+    print("\n".join(["", *_beside(bag, replayed.report)]))
     offline = replayed.report.sensors[SEAT].dose.vdv_mps175
     shown = "no value" if last is None else f"{last:.9f}"
     print(f"\nseat VDV live {shown}, offline {offline:.9f} m/s^1.75")
@@ -110,6 +122,37 @@ def demo(out: Path, subject_name: str) -> None:
     )
     if last is None:
         raise InputError("the live node gave no value: the machine may be too busy; try again later")
+
+
+def _new_subject(out: Path) -> Path:
+    """Make a subject of the mass and stature of the person in the bag, as `biodyn subject new` does."""
+    person = load_subject(subject_file(PAPER[0]))
+    make_directory(out)
+    path = out / NEW
+    write_text(path, new_subject(path.stem, person.body_mass_kg, person.stature_m).to_yaml())
+    print(
+        f"biodyn subject new --mass {person.body_mass_kg:g} --stature {person.stature_m:g} -o {path}\n"
+        f"parameters of published groups of people, no recording of this person\n"
+    )
+    return path
+
+
+def _beside(bag: Path, report: ExposureReport) -> list[str]:
+    """Rows of the VDV of each segment: measured, predicted by the subject with its interval, and by the paper's."""
+    papers = [replay(bag, load_subject(subject_file(name))).report for name in PAPER]
+    head = f"{report.subject[:12]:>12s}{'95 % interval':>18s}" + "".join(f"{name:>12s}" for name in PAPER)
+    rows = [
+        "the same bag beside the paper's subjects, VDV in m/s^1.75; subject_1 is the model that made it",
+        f"{'':14s}{'measured':>9s}{head}",
+    ]
+    for name in MEASURED_SEGMENTS:
+        measured, predicted = report.measured_low_passed[name].dose, report.predicted[name].dose
+        interval = dose_intervals(predicted, report.spreads.get(name)).vdv_interval_mps175
+        span = " to ".join(map(number, interval)) if interval else "none"
+        others = "".join(f"{number(one.predicted[name].dose.vdv_mps175):>12s}" for one in papers)
+        row = f"{words(name):14s}{number(measured.vdv_mps175):>9s}{number(predicted.vdv_mps175):>12s}{span:>18s}"
+        rows.append(row + others)
+    return rows
 
 
 def _parameters(subject_path: Path) -> list[str]:

@@ -11,6 +11,7 @@ from typing import Final
 
 from blind.population import __main__ as population
 from blind.predictions import __main__ as predictions
+from blind.prior import __main__ as prior
 from blind.recovery import __main__ as recovery
 from blind.sessions import __main__ as sessions
 from blind.tracing import __main__ as tracing
@@ -21,6 +22,7 @@ STUDIES: Final[dict[str, Callable[[Sequence[str]], int]]] = {
     "sessions": sessions.main,
     "predictions": predictions.main,
     "population": population.main,
+    "prior": prior.main,
     "tracing": tracing.main,
     "laws": laws.main,
     "train": training.main,

@@ -12,7 +12,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
 from ros import STARTUP_S
+
+from biodyn_core.body.origin import origin_of
+from biodyn_core.body.subject import load_subject
 
 HELD_UP_S = 0.5
 """Seven times as long as the shared memory of best-effort subscriptions lasts."""
@@ -52,6 +56,11 @@ def test_live_equals_the_replay_though_the_node_is_held_up(tmp_path: Path) -> No
     found = re.search(r"seat VDV live (\S+), offline (\S+) m/s", output)
     assert found is not None, output
     assert found[1] == found[2]
+    assert origin_of(load_subject(tmp_path / "out" / "me.yaml")) == "group"
+    rows = [line.split() for line in output.split("the same bag beside the paper's subjects", 1)[1].splitlines()]
+    head = next(row for row in rows if row[:1] == ["head"])
+    measured, _, lower, _, upper, maker, other = head[1:]
+    assert float(lower) < float(upper) and float(maker) == pytest.approx(float(measured), rel=0.02) != float(other)
 
 
 def test_a_demo_whose_node_exits_fails_with_an_error(tmp_path: Path) -> None:

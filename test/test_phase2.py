@@ -104,7 +104,7 @@ def test_starts_on_the_bounds_are_left(side: str) -> None:
     stuck = [dataclasses.replace(searches[0], theta=corner[None, :].copy(), costs=np.ones(1))]
     for settings in (QUICK, dataclasses.replace(QUICK, refine="nelder-mead", clocks="trusted")):
         fit = Fit.of(refine(cases, subject, stuck, settings), cases, subject, settings)
-        problem = fit.data_objective(cases)
+        problem = fit.objective(cases)
         assert problem.cost(fitting.theta_of(fit.subject)) < 0.2 * problem.cost(fit.refined.reference)
 
 

@@ -84,7 +84,7 @@ def test_intervals_have_their_stated_coverage() -> None:
 
 def white_half_widths(fit: Fit, cases: list[Case]) -> np.ndarray:
     """Half widths from s^2 (J'J)^-1, as if every sample were a measurement of its own."""
-    residuals, slopes = fit.data_objective(cases).linearised(fitting.theta_of(fit.subject), fit.settings.free)
+    residuals, slopes = fit.objective(cases).linearised(fitting.theta_of(fit.subject), fit.settings.free)
     samples = sum(int(case.compared.sum()) for case in cases)
     return NORMAL_95 * np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)) * (residuals @ residuals) / samples)
 

@@ -14,7 +14,7 @@ from biodyn_core.base.parallel import ParallelMap, serial_map
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER, Parameters
 from biodyn_core.body.subject import Subject
-from biodyn_core.identification.objectives import RegularizationTerm, Surrogate, TimeDomain
+from biodyn_core.identification.objectives import PriorTerm, RegularizationTerm, Surrogate, TimeDomain
 from biodyn_core.identification.phase1 import Search, reached, search
 from biodyn_core.identification.phase2 import Refined, refine
 from biodyn_core.identification.problem import Case, Errors, errors
@@ -28,7 +28,8 @@ AT_BOUND: Final = 1e-3
 class Fit:
     """One theta fitted to one case or several: the subject with it, and the result of phase 2 in `refined`.
 
-    clock_delays_s (cases, 5, 2) is empty where clocks are trusted; at_bound names parameters on a bound of Table 1.
+    clock_delays_s (cases, 5, 2) is empty where clocks are trusted; at_bound names parameters on a bound of Table 1;
+    prior: the term of a fit with a prior.
     """
 
     subject: Subject
@@ -37,9 +38,13 @@ class Fit:
     errors: tuple[Errors, ...]
     at_bound: tuple[str, ...]
     clock_delays_s: Floats
+    prior: PriorTerm | None = None
 
     @classmethod
-    def of(cls, refined: Refined, cases: Sequence[Case], subject: Subject, settings: FitSettings) -> Fit:
+    def of(
+        cls, refined: Refined, cases: Sequence[Case], subject: Subject, settings: FitSettings,
+        prior: PriorTerm | None = None,
+    ) -> Fit:  # fmt: skip
         """The fit from the result of phase 2 for these cases."""
         found = dataclasses.replace(subject, parameters=Parameters.from_vector(refined.theta), provenance={})
         return cls(
@@ -49,6 +54,7 @@ class Fit:
             errors=prediction_errors(found, cases),
             at_bound=at_bound(refined.theta, settings.free),
             clock_delays_s=_clock_delays_s(found, cases, settings),
+            prior=prior,
         )
 
     @property
@@ -61,9 +67,10 @@ class Fit:
         """J of Eq. 35: normalised rms in percent, mean over the measured segments and the cases."""
         return mean_percent(self.errors)
 
-    def data_objective(self, cases: Sequence[Case]) -> TimeDomain:
-        """The minimised objective of the same cases without its regularization term."""
-        return TimeDomain(cases, self.subject, RegularizationTerm(self.refined.reference, 0.0), self.settings.clocks)
+    def objective(self, cases: Sequence[Case]) -> TimeDomain:
+        """The minimised objective of the same cases, with the prior if there is one, and without regularization."""
+        term = self.prior or RegularizationTerm(self.refined.reference, 0.0)
+        return TimeDomain(cases, self.subject, term, self.settings.clocks)
 
 
 def fit_cases(cases: Sequence[Case], subject: Subject, seed: int, settings: FitSettings) -> list[Fit]:

@@ -26,6 +26,7 @@ from biodyn_core.identification.fit import (
 from biodyn_core.identification.idealize import FittedCase, Idealized, idealize
 from biodyn_core.identification.phase1 import Search
 from biodyn_core.identification.phase2 import Refined, refine
+from biodyn_core.identification.posterior import maximum_a_posteriori, prior_of
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import FitSettings, Refiner
 
@@ -66,9 +67,9 @@ class RefinerRun:
 class Identification:
     """All fits of a subject to its cases.
 
-    fits are those of the single cases, in order; joint is one theta for all; other is the joint fit under the mass
-    matrix that the subject does not declare; refiners are both refiners on Eq. 33 as printed, for the case with the
-    strongest seat motion, from one start.
+    fits are those of the single cases, in order; joint is one theta for all, without_prior the same without a prior;
+    other is the joint fit under the mass matrix that the subject does not declare; refiners are both refiners on
+    Eq. 33 as printed, for the case with the strongest seat motion, from one start.
     """
 
     cases: tuple[Case, ...]
@@ -76,6 +77,7 @@ class Identification:
     fits: tuple[Fit, ...]
     idealized: Idealized
     joint: Fit
+    without_prior: Fit
     other: Fit
     compared_on: Case
     refiners: tuple[RefinerRun, ...]
@@ -102,7 +104,7 @@ class Identification:
         events = held_out or self.cases
         found = {
             fit.subject.mass_matrix: mean_percent(prediction_errors(fit.subject, events))
-            for fit in (self.joint, self.other)
+            for fit in (self.without_prior, self.other)
         }
         better = min(found, key=lambda name: found[name])
         distinct = max(found.values()) - min(found.values()) > DISTINCT_SHARE * max(found.values())
@@ -119,6 +121,7 @@ def identify(
     """
     s = settings or FitSettings()
     _check(cases)
+    prior = prior_of(subject, s)
     (other_matrix,) = (name for name in MASS_MATRICES if name != subject.mass_matrix)
     twin = dataclasses.replace(subject, mass_matrix=other_matrix)
     groups = search_groups(cases, s)
@@ -136,12 +139,14 @@ def identify(
     )
     fits = tuple(Fit.of(end, [case], subject, s) for end, case in zip(refined, cases, strict=False))
     joint, other, *pair = refined[len(cases) :]
+    without_prior = Fit.of(joint, cases, subject, s)
     return Identification(
         cases=tuple(cases),
         settings=s,
         fits=fits,
         idealized=idealize([FittedCase(fit.errors[0].case, fit.subject, fit.error_percent) for fit in fits]),
-        joint=Fit.of(joint, cases, subject, s),
+        joint=without_prior if prior is None else maximum_a_posteriori(without_prior, cases, prior),
+        without_prior=without_prior,
         other=Fit.of(other, cases, twin, s),
         compared_on=cases[loudest],
         refiners=tuple(RefinerRun(on.refine, end) for on, end in zip(_same_problem(s), pair, strict=True)),

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import Clocks, Regularization, SurrogateSettings
 from biodyn_core.kernels.cost import LANES, difference_quotients, integrate_lanes
 from biodyn_core.kernels.surrogate import surrogate_costs
+from biodyn_core.population.distribution import SPREAD, Distribution, places_of
 
 N_LINEAR: Final = STIFFENING
 """Number of parameters of phase 1: f_n, zeta and alpha_r; s_nl = 0 and m_scale = 1 are fixed (Eq. 29)."""
@@ -81,11 +82,44 @@ class RegularizationTerm:
     reference: Floats
     lambda_2: float = 0.002
     regularization: Regularization = "physical"
+    variance: ClassVar[float] = 0.0
+    """It is a choice and no measurement, so it adds no scatter."""
 
     def __call__(self, theta: Floats) -> Floats:
         """Residuals (..., 15) whose squares add up to the term."""
         deviation = np.log(theta / self.reference) if self.regularization == "log" else theta - self.reference
         return np.asarray(np.sqrt(self.lambda_2) * deviation)
+
+
+@dataclass(frozen=True, eq=False)
+class PriorTerm:
+    """A prior of the parameters in place of that term: the squared Mahalanobis distance, weighted.
+
+    variance: that of an independent residual of the data, so that the whole objective is -2 ln of the posterior times
+    that variance. scale: precision of the prior, relative to that of the distribution.
+    """
+
+    prior: Distribution
+    variance: float
+    scale: float
+
+    @property
+    def weight(self) -> float:
+        """The weight of the squared distance."""
+        return self.variance * self.scale
+
+    def __call__(self, theta: Floats) -> Floats:
+        """Residuals (..., 13) whose squares add up to the term."""
+        return np.asarray(np.sqrt(self.weight) * self.prior.standardized(theta))
+
+    def variances(self, theta: Floats) -> Floats:
+        """Variances (15,) of ln theta at theta (15,) by the prior alone, infinite where it says nothing."""
+        found = np.full(N_PARAMETERS, np.inf)
+        found[SPREAD] = np.diag(self.prior.covariance_at(places_of(theta))) / self.scale
+        return found
+
+
+Term = RegularizationTerm | PriorTerm
 
 
 class TimeDomain:
@@ -103,12 +137,12 @@ class TimeDomain:
         self,
         cases: Sequence[Case],
         subject: Subject,
-        term: RegularizationTerm,
+        term: Term,
         clocks: Clocks = "trusted",
         substeps: Sequence[int] | None = None,
     ) -> None:
         self.cases, self.subject = tuple(cases), subject
-        self._regularization = term
+        self.term = term
         self._weights = [case.weight for case in cases]
         self._clocks = clocks
         self._seats = [apply_to_seat(subject.effects, case.seat_mps2, case.rate_hz, case.channels) for case in cases]
@@ -121,7 +155,7 @@ class TimeDomain:
         """Eq. 33 as printed at points (p, 15), (p,), in batches of `LANES`; a penalty where it is not finite."""
         if self.subject.effects:
             return np.array([self.cost(point) for point in theta])
-        total = np.asarray((self._regularization(theta) ** 2).sum(axis=1))
+        total = np.asarray((self.term(theta) ** 2).sum(axis=1))
         for begin in range(0, len(theta), LANES):
             batch = slice(begin, begin + LANES)
             for number, weight in enumerate(self._weights):
@@ -132,7 +166,7 @@ class TimeDomain:
 
     def cost(self, theta: Floats) -> float:
         """The same at one point (15,)."""
-        term = self._regularization(theta)
+        term = self.term(theta)
         total = float(term @ term)
         for number, (case, weight) in enumerate(zip(self.cases, self._weights, strict=True)):
             with np.errstate(all="ignore"):  # the total shows non-finite values
@@ -162,7 +196,7 @@ class TimeDomain:
         `rows`, add k columns.
         """
         points = _difference_points(theta, free)
-        term = _differences(self._regularization(points).T)
+        term = _differences(self.term(points).T)
         beside = others[0].shape[2] if others else 0
         term = np.concatenate([term[:, :-1], np.zeros((len(term), beside)), term[:, -1:]], axis=1)
         products = term.T @ term
@@ -194,6 +228,10 @@ class TimeDomain:
         if self._clocks == "estimated":
             _remove_projection(rows, _delays(answers, case.rate_hz) * weight[:, :, None])
         return rows
+
+    def term_slopes(self, theta: Floats, free: Flags) -> Floats:
+        """Derivatives (m, p) of the residuals of the last term by ln theta of the p that are free."""
+        return _differences(self.term(_difference_points(theta, free)).T)[:, :-1]
 
     def slopes(self, number: int, theta: Floats, free: Flags) -> Floats:
         """Derivatives (n, 5, p) of the accelerations in one case by ln theta of the p that are free."""

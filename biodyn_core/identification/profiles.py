@@ -56,7 +56,7 @@ def profile(fit: Fit, cases: Sequence[Case], name: str, settings: UncertaintySet
     if name not in known or not inside[known.index(name)]:
         raise InputError(f"{name}: not fitted, or on a bound; profiles are drawn of parameters inside Table 1")
     index, theta = known.index(name), fit.subject.parameters.vector()
-    problem = fit.data_objective(cases)
+    problem = fit.objective(cases)
     covariance, inverse = covariance_of(problem, theta, inside, settings or UncertaintySettings())
     row = int(inside[:index].sum())
     threshold = float(NORMAL_95**2 * covariance[row, row] / inverse[row, row])

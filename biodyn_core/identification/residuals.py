@@ -42,7 +42,7 @@ def residual_checks(
     fit: Fit, cases: Sequence[Case], spectrum: SpectrumSettings | None = None, cutoff_hz: float = DEFAULT_CUTOFF_HZ
 ) -> list[ResidualCheck]:
     """Check the residuals of a fit in each of its cases; cutoff_hz is that of the low-pass of all signals."""
-    problem, theta = fit.data_objective(cases), fit.subject.parameters.vector()
+    problem, theta = fit.objective(cases), fit.subject.parameters.vector()
     return [_check(case, problem.residuals(number, theta), spectrum, cutoff_hz) for number, case in enumerate(cases)]
 
 

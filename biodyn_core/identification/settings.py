@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 Regularization = Literal["physical", "log"]
 Clocks = Literal["trusted", "estimated"]
 Refiner = Literal["least-squares", "nelder-mead"]
+Prior = Literal["none", "population"]
 
 SEGMENT_WEIGHTS: Final = {"pelvis": 0.5, "lower_torso": 0.2, "upper_torso": 0.8, "neck": 2.5, "head": 3.0}
 """Weights of the measured segments in Eq. 31, given in its text; each multiplies its segment's sum.
@@ -110,6 +111,10 @@ class FitSettings:
     result: Literal["joint", "idealized"] = setting(
         "joint", "the resulting subject: one theta for all cases, or the fusion of the cases' fits",
         choices=("joint", "idealized"),
+    )  # fmt: skip
+    prior: Prior = setting(
+        "none", "prior of the joint fit: published groups of people, for few or weak recordings",
+        choices=("none", "population"),
     )  # fmt: skip
     refined_starts: int = setting(4, "starts of phase 2", "", 1, 1000)
     evaluations: int = setting(3000, "evaluations of the objective per descent in phase 2", "", 1, 10_000_000)

@@ -25,7 +25,10 @@ from biodyn_core.identification.objectives import TimeDomain
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import UncertaintySettings
 
-Identifiability = Literal["identifiable", "weakly identifiable", "not identifiable"]
+Identifiability = Literal["identifiable", "weakly identifiable", "not identifiable", "from the prior"]
+
+FROM_PRIOR: Final = 0.5
+"""A parameter is from the prior if the recordings reduce the variance of the prior by less than this share."""
 
 LEAK_DELAYS_S: Final = np.linspace(0.0, 0.1, 6)
 """Possible delays of horizontal motion behind the vertical: one axle after the other, a body after its seat."""
@@ -80,10 +83,15 @@ def uncertainty(fit: Fit, cases: Sequence[Case], settings: UncertaintySettings |
     s = settings or UncertaintySettings()
     theta = fit.subject.parameters.vector()
     inside = off_bounds(fit)
-    covariance, _ = covariance_of(fit.data_objective(cases), theta, inside, s)
-    half = np.full(theta.size, math.inf)
+    covariance, _ = covariance_of(fit.objective(cases), theta, inside, s)
+    half, learned = np.full(theta.size, math.inf), np.ones(theta.size)
     half[inside] = NORMAL_95 * np.sqrt(np.diag(covariance))
-    estimates = tuple(_estimate(int(i), theta[i], half[i], not inside[i], s) for i in np.flatnonzero(fit.settings.free))
+    if fit.prior:
+        learned[inside] = 1.0 - np.diag(covariance) / fit.prior.variances(theta)[inside]
+    estimates = tuple(
+        _estimate(int(i), theta[i], half[i], float(learned[i]), not inside[i], s)
+        for i in np.flatnonzero(fit.settings.free)
+    )
     names = tuple(PARAMETERS[i].name for i in np.flatnonzero(inside))
     scale = LOG_RANGE[inside]
     squares, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
@@ -97,10 +105,15 @@ def off_bounds(fit: Fit) -> Flags:
     return np.asarray(fit.settings.free & ~on_bound)
 
 
-def _estimate(index: int, value: float, half_width: float, on_bound: bool, settings: UncertaintySettings) -> Estimate:
+def _estimate(
+    index: int, value: float, half_width: float, learned: float, on_bound: bool, settings: UncertaintySettings
+) -> Estimate:
+    """learned: share of the prior's variance that the recordings remove."""
     parameter, share = PARAMETERS[index], half_width / LOG_RANGE[index]
     identifiability: Identifiability = "not identifiable"
-    if share <= settings.identifiable:
+    if learned < FROM_PRIOR:
+        identifiability = "from the prior"
+    elif share <= settings.identifiable:
         identifiability = "identifiable"
     elif share <= settings.weakly:
         identifiability = "weakly identifiable"
@@ -114,7 +127,7 @@ def _estimate(index: int, value: float, half_width: float, on_bound: bool, setti
 def covariance_of(
     problem: TimeDomain, theta: Floats, inside: Flags, settings: UncertaintySettings
 ) -> tuple[Floats, Floats]:
-    """Covariance of ln theta of the parameters inside, (p, p), and (J'J)^-1 beside it."""
+    """Covariance of ln theta of the parameters inside, (p, p), and (J'J)^-1 beside it; a prior is part of both."""
     count = int(inside.sum())
     information, lasting = np.zeros((count, count)), dict[object, Floats]()
     windows = []
@@ -129,8 +142,11 @@ def covariance_of(
             # Same person and mounting: the error is the same in every case.
             seen = np.einsum("nsp,ns->p", slopes, shape[case.begin :] * np.sqrt(case.weight[case.begin :]))
             lasting[key] = lasting.get(key, np.zeros(count)) + seen
-    inverse = inverse_of(information)
-    scatter = sum((jackknifed(*seen, inverse) for seen in windows), np.zeros((count, count)))
+    term = problem.term_slopes(theta, inside)
+    penalty = term.T @ term
+    inverse = inverse_of(information + penalty)
+    scatter = problem.term.variance * penalty
+    scatter += sum((jackknifed(*seen, inverse) for seen in windows), np.zeros((count, count)))
     scatter += sum((np.outer(seen, seen) for seen in lasting.values()), np.zeros((count, count)))
     return inverse @ scatter @ inverse, inverse
 

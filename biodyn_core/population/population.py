@@ -8,50 +8,41 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any, Final
 
 import numpy as np
 
-from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEGMENTS
 from biodyn_core.body import parameter_spread
 from biodyn_core.body.origin import GROUP
-from biodyn_core.body.parameter_spread import ParameterSpread
-from biodyn_core.body.parameters import LOWER, N_PARAMETERS, PARAMETERS, STIFFENING, UPPER, Parameters
+from biodyn_core.body.parameters import Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect
+from biodyn_core.population.distribution import NAMES, Distribution, theta_of
 
 FILE: Final = "population.json"
-VERSION: Final = 1
-
-SPREAD: Final = slice(0, STIFFENING)
-"""The parameters that the population spreads: frequencies, damping ratios and Rayleigh damping.
-
-No reference says anything of the others. Stiffening has its lower bound, because the references soften.
-"""
+VERSION: Final = 2
 
 MASS_KG: Final = (40.0, 120.0)
 STATURE_M: Final = (1.4, 2.0)
 """Beyond these a subject is marked as extrapolated."""
 
-AT_BOUND: Final = 0.005
-"""Least distance of a parameter from its bounds, as a share of the range of its logarithm: places are finite."""
-
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """Mean (13,) and covariance (13, 13) of the places of ln theta; provenance: how they were derived.
+    """Distributions of the parameters of people, and how they were derived.
 
-    The mean has the mean response of the group. softening: values of thixotropy, the same in every joint, by which the
-    resonance falls with magnitude as published. The parameters are those at rest.
+    softening: values of thixotropy, the same in every joint, by which the resonance falls with magnitude as published.
+    at_rest: of the parameters beside that effect. without_softening: of a model without it, which has the same
+    responses at the magnitude of the references.
     """
 
-    mean: Floats
-    covariance: Floats
+    at_rest: Distribution
+    without_softening: Distribution
     softening: Mapping[str, float]
     provenance: Mapping[str, Any]
 
@@ -60,34 +51,13 @@ class Population:
         """The effects of everybody in the population."""
         return tuple(AppliedEffect(CATALOGUE["thixotropy"], segment, self.softening) for segment in SEGMENTS)
 
-    def draw(self, rng: np.random.Generator, count: int) -> Floats:
-        """Theta (count, 15) of people of the population."""
-        return theta_of(rng.multivariate_normal(self.mean, self.covariance, count))
-
-    @property
-    def spread(self) -> ParameterSpread:
-        """The covariance of ln theta around the mean, to first order."""
-        inside = 1.0 / (1.0 + np.exp(-self.mean))
-        slope = np.log(UPPER / LOWER)[SPREAD] * inside * (1.0 - inside)
-        return ParameterSpread(_NAMES, self.covariance * np.outer(slope, slope))
+    def distribution_for(self, effects: Sequence[AppliedEffect]) -> Distribution:
+        """The distribution of the parameters of a model with these effects."""
+        softens = {one.site for one in effects if one.effect.name == "thixotropy"}
+        return self.at_rest if softens.issuperset(SEGMENTS) else self.without_softening
 
 
-_NAMES: Final = tuple(parameter.name for parameter in PARAMETERS[SPREAD])
-
-
-def places_of(theta: Floats) -> Floats:
-    """The places (..., 13) of theta (..., 15), the inverse of `theta_of`; at a bound `AT_BOUND` away from it."""
-    share = np.log(theta[..., SPREAD] / LOWER[SPREAD]) / np.log(UPPER / LOWER)[SPREAD]
-    inside = np.clip(share, AT_BOUND, 1.0 - AT_BOUND)
-    return np.asarray(np.log(inside / (1.0 - inside)))
-
-
-def theta_of(places: Floats) -> Floats:
-    """Theta (..., 15) of places (..., 13): ln theta lies between its bounds as logistic(place) does between 0 and 1."""
-    theta = np.broadcast_to(LOWER, (*places.shape[:-1], N_PARAMETERS)).copy()
-    theta[..., SPREAD] = LOWER[SPREAD] * (UPPER / LOWER)[SPREAD] ** (1.0 / (1.0 + np.exp(-places)))
-    theta[..., STIFFENING + 1] = 1.0
-    return theta
+_DISTRIBUTIONS: Final = ("at_rest", "without_softening")
 
 
 @functools.cache
@@ -101,17 +71,21 @@ def population_from(text: str) -> Population:
     stored = json.loads(text)
     if stored.get("version") != VERSION:
         raise InputError(f"{FILE}: version {stored.get('version')}, expected {VERSION}: make blind ARGS=population")
-    mean, covariance = np.array(stored["mean"]), np.array(stored["covariance"])
-    return Population(mean, covariance, stored["softening"], stored["provenance"])
+    at_rest, without = (
+        Distribution(np.array(stored[name]["mean"]), np.array(stored[name]["covariance"])) for name in _DISTRIBUTIONS
+    )
+    return Population(at_rest, without, stored["softening"], stored["provenance"])
 
 
 def to_text(of: Population) -> str:
     """The text of the file."""
     stored = {
         "version": VERSION,
-        "parameters": list(_NAMES),
-        "mean": of.mean.tolist(),
-        "covariance": of.covariance.tolist(),
+        "parameters": list(NAMES),
+        **{
+            name: {"mean": one.mean.tolist(), "covariance": one.covariance.tolist()}
+            for name, one in zip(_DISTRIBUTIONS, (of.at_rest, of.without_softening), strict=True)
+        },
         "softening": dict(of.softening),
         "provenance": dict(of.provenance),
     }
@@ -137,8 +111,8 @@ def new_subject(name: str, body_mass_kg: float, stature_m: float) -> Subject:
     provenance = {
         "source": "published groups of people, no recording of this person",
         GROUP: dict(people.provenance) | ({"extrapolated": reason} if reason else {}),
-        parameter_spread.PROVENANCE: people.spread.to_dict(),
+        parameter_spread.PROVENANCE: people.at_rest.spread.to_dict(),
     }
-    rounded = [float(f"{value:.4g}") for value in theta_of(people.mean)]
+    rounded = [float(f"{value:.4g}") for value in theta_of(people.at_rest.mean)]
     parameters = Parameters.from_vector(rounded)
     return Subject(name, body_mass_kg, stature_m, "segment", parameters, people.effects, provenance)

@@ -11,7 +11,7 @@ from biodyn_ros.commands.parsing import CommandParser
 
 def _add(command: CommandParser) -> None:
     command.add_argument("--out", default="out", metavar="DIR", help="directory for report and bag (default out)")
-    command.add_argument("--subject", default="subject_1", metavar="S", help="subject file or bundled name")
+    command.add_argument("--subject", metavar="S", help="subject file or name (default: a new one, DIR/me.yaml)")
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -21,7 +21,7 @@ def _run(options: argparse.Namespace) -> None:
 
 
 COMMAND = Command(
-    line="plays the bundled bag live, then replays it",
+    line="makes a subject, plays the bundled bag live, then replays it",
     examples=("biodyn demo --out demo_results",),
     add=_add,
     run=_run,

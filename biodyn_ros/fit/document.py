@@ -34,6 +34,7 @@ def fit_document(report: Report) -> Document:
         "cases": [_case(event, fit) for event, fit in zip(report.fitted, found.fits, strict=True)],
         "phase1": [{"case": name, **_starts(one.costs, one.reached)} for name, one in report.searches],
         "joint": _joint(report),
+        "prior": _prior(report),
         "idealized": _idealized(report),
         "weights": dict(idealized.weights),
         "cv": {name: finite(percent) for name, percent in idealized.cv_percent.items()},
@@ -74,6 +75,7 @@ def provenance(report: Report) -> Document:
         "version": __version__,
         "seed": report.seed,
         "result": result,
+        "prior": report.joint.settings.prior,
         "fitted": fitted + effect_recordings(report.given, excluded=[event.bag.source for event in report.fitted]),
         "held_out": [
             _origin(event) | {"nrmse_rms_percent": by_segment(event.errors[result].nrmse_rms_percent)}
@@ -120,8 +122,7 @@ def _case(event: FitEvent, fit: Fit) -> Document:
         "at_bound": list(fit.at_bound),
         "starts": _starts(fit.refined.costs, fit.reached),
         "clock_delay_ms": _delays(fit, 0),
-        "joint": _error(event.errors["joint"]),
-        "idealized": _error(event.errors["idealized"]),
+        **_predictions(event),
     }
 
 
@@ -131,9 +132,13 @@ def _held_out(event: FitEvent) -> Document:
         **event.bag.source.to_dict(),
         "case": event.case.case,
         "why": event.use,
-        "joint": _error(event.errors["joint"]),
-        "idealized": _error(event.errors["idealized"]),
+        **_predictions(event),
     }
+
+
+def _predictions(event: FitEvent) -> Document:
+    """Errors of the results of all cases; `without_prior` where there is one."""
+    return {name: _error(error) for name, error in event.errors.items() if name != "alone"}
 
 
 def _error(error: Errors) -> Document:
@@ -169,6 +174,20 @@ def _joint(report: Report) -> Document:
     }
 
 
+def _prior(report: Report) -> Document | None:
+    """The prior of the joint fit, None without one."""
+    fit, without = report.joint, report.identification.without_prior
+    if fit.prior is None:
+        return None
+    return {
+        "name": fit.settings.prior,
+        "distance": report.distance,
+        "scale": fit.prior.scale,
+        "data_variance": fit.prior.variance,
+        "without": {"parameters": _parameters(without.subject), "error_percent": without.error_percent},
+    }
+
+
 def _idealized(report: Report) -> Document:
     idealized = report.identification.idealized
     return {
@@ -199,9 +218,9 @@ def _refiners(report: Report) -> Document:
 def _settings(s: FitSettings) -> Document:
     return {
         "phase1": s.phase1, "refine": s.refine, "regularization": s.regularization, "lambda_1": s.surrogate.lambda_1,
-        "lambda_2": s.lambda_2, "clocks": s.clocks, "mass_scale": s.mass_scale, "particles": s.swarm.particles,
-        "iterations": s.swarm.iterations, "starts": s.swarm.starts, "refined_starts": s.refined_starts,
-        "segment_weights": list(s.surrogate.segment_weights),
+        "lambda_2": s.lambda_2, "clocks": s.clocks, "prior": s.prior, "mass_scale": s.mass_scale,
+        "particles": s.swarm.particles, "iterations": s.swarm.iterations, "starts": s.swarm.starts,
+        "refined_starts": s.refined_starts, "segment_weights": list(s.surrogate.segment_weights),
     }  # fmt: skip
 
 

@@ -20,6 +20,7 @@ MARKERS: Final[dict[str, Any]] = {
     "identifiable": {"marker": "o", "markerfacecolor": ESTIMATE_COLOUR},
     "weakly identifiable": {"marker": "D", "markerfacecolor": "#a5d0f5"},
     "not identifiable": {"marker": "o", "markerfacecolor": "white"},
+    "from the prior": {"marker": "^", "markerfacecolor": "white"},
     "on its bound": {"marker": "s", "markerfacecolor": PREDICTED_COLOUR, "markeredgecolor": PREDICTED_COLOUR},
 }
 """The marker of each degree; shape and filling differ as well as colour."""

@@ -20,6 +20,8 @@ from biodyn_core.effects import needs_channels
 from biodyn_core.identification.fit import prediction_errors
 from biodyn_core.identification.held_out import usual_residual
 from biodyn_core.identification.identify import Identification, fingerprint, identify
+from biodyn_core.identification.posterior import prior_of
+from biodyn_core.identification.problem import Errors
 from biodyn_core.identification.profiles import profile
 from biodyn_core.identification.residuals import residual_checks
 from biodyn_core.identification.settings import CaseSettings, FitSettings, UncertaintySettings
@@ -29,7 +31,7 @@ from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_ros.base.files import check_directory, make_directory, write_text
 from biodyn_ros.base.json_files import write_json
 from biodyn_ros.fit.document import fit_document, fitted_subject
-from biodyn_ros.fit.report import FITS, FitEvent, Report, Use, reuse_warnings, warnings_of
+from biodyn_ros.fit.report import FitEvent, FitName, Report, Use, reuse_warnings, warnings_of
 from biodyn_ros.reading.dealing import TO_FIT, dealt, dealt_line
 from biodyn_ros.reading.events import EventOptions, Prepared, check_bags, read_events
 from biodyn_ros.reading.parts import Bag
@@ -67,6 +69,7 @@ def fit_bags(
     o, work, begin = options or FitOptions(), work or Work(), time.monotonic()
     check_bags(bags, o.held_out, o.cases)
     check_profiles(o)
+    prior_of(subject, o.settings)  # a prior that the subject cannot have must fail before the work
     reading = dataclasses.replace(o.reading, channels=needs_channels(subject.effects))
     with work.monitor("reading") as progress:
         # A bag without comparable samples must fail before the work.
@@ -99,15 +102,18 @@ def fit_bags(
 
 
 def _predicted(found: Identification, fitted: Sequence[Prepared], spare: Sequence[Prepared]) -> Iterator[FitEvent]:
-    """The events with the errors of both resulting subjects, and of the fits to a case alone."""
-    cases = [case for _, case in (*fitted, *spare)]
-    joint, idealized = (prediction_errors(fit.subject, cases) for fit in (found.joint, found.idealized))
-    for (event, case), fit, *both in zip(fitted, found.fits, joint, idealized, strict=False):
-        yield FitEvent(event, case, "fitted", dict(zip(FITS, (fit.errors[0], *both), strict=True)))
-    first = len(fitted)
-    for (event, case), *both in zip(spare, joint[first:], idealized[first:], strict=True):
+    """The events with the errors of all resulting subjects, and of the fits to a case alone."""
+    prepared = [*fitted, *spare]
+    subjects: dict[FitName, Subject] = {"joint": found.joint.subject, "idealized": found.idealized.subject}
+    if found.joint.prior:
+        subjects["without_prior"] = found.without_prior.subject
+    errors = [prediction_errors(subject, [case for _, case in prepared]) for subject in subjects.values()]
+    for number, ((event, case), *of_event) in enumerate(zip(prepared, *errors, strict=True)):
+        by_fit: dict[FitName, Errors] = dict(zip(subjects, of_event, strict=True))
         use: Use = "held out" if event.held_out else "another repetition"
-        yield FitEvent(event, case, use, dict(zip(FITS[1:], both, strict=True)))
+        if number < len(fitted):
+            use, by_fit = "fitted", {"alone": found.fits[number].errors[0], **by_fit}
+        yield FitEvent(event, case, use, by_fit)
 
 
 def write_fitted(report: Report, output: Path) -> None:

@@ -86,6 +86,8 @@ def limitations(report: Report) -> list[str]:
     ]
     if report.identification.settings.mass_scale == "fixed":
         lines.append("The mass scale was fixed and is not a result of the fit.")
+    if report.joint.prior:
+        lines.append("The prior is that of published groups; its spread between people is largely assumed.")
     if report.result == "idealized":
         lines.append("The subject is the fusion of the cases; intervals and identifiability are of the joint fit.")
     if len(report.fitted) == 1:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -24,16 +24,15 @@ from biodyn_core.identification.uncertainty import Uncertainty
 from biodyn_ros.reading.events import BagEvent, Prepared
 from biodyn_ros.reading.provenance import MADE_BY_MODEL, origins_of, without_note
 
-FitName = Literal["alone", "joint", "idealized"]
-FITS: Final[tuple[FitName, ...]] = ("alone", "joint", "idealized")
-"""The fit to a case alone, the joint fit, and the fusion of all fits to a case alone."""
+FitName = Literal["alone", "joint", "idealized", "without_prior"]
+"""The fit to a case alone, the joint fit, the fusion of all fits to a case alone, the joint fit without its prior."""
 
 Use = Literal["fitted", "held out", "another repetition"]
 
 
 @dataclass(frozen=True, eq=False)
 class FitEvent:
-    """One event with its prediction errors by fit; `alone` is an error of a fitted event only."""
+    """One event with its prediction errors by fit; only fitted events have `alone`, only fits with a prior the last."""
 
     bag: BagEvent
     case: Case
@@ -82,6 +81,12 @@ class Report:
         return self.identification.joint
 
     @property
+    def distance(self) -> float | None:
+        """Mahalanobis distance of the joint fit from the mean of its prior, None without one."""
+        fit = self.joint
+        return fit.prior and fit.prior.prior.distance(fit.refined.theta)
+
+    @property
     def result(self) -> FitName:
         """The fit that the resulting subject is of."""
         return self.identification.settings.result
@@ -113,7 +118,7 @@ class Report:
     def penalties(self) -> Counter[str]:
         """Objectives that were not finite, by cause."""
         found = self.identification
-        refined = [fit.refined for fit in (*found.fits, found.joint, found.other)]
+        refined = [fit.refined for fit in (*found.fits, found.without_prior, found.other)]
         parts: list[Search | Refined] = [*found.searches, *refined, *self.refiners.values()]
         return sum((part.penalties for part in parts), Counter())
 

@@ -132,9 +132,10 @@ def fit_verdict(found: FitSummary) -> Verdict:
 
 def _reasons_against(found: FitSummary) -> Iterator[str]:
     inside = [estimate for estimate in found.estimates if not estimate.at_bound]
-    for degree in ("not identifiable", "weakly identifiable"):
+    for degree in ("not identifiable", "weakly identifiable", "from the prior"):
         if names := [estimate.name for estimate in inside if estimate.identifiability == degree]:
-            yield f"{degree.capitalize()} from these recordings: {_listed(names, found)}."
+            source = "" if degree == "from the prior" else " from these recordings"
+            yield f"{degree.capitalize()}{source}: {_listed(names, found)}."
     if on_bound := [estimate.name for estimate in found.estimates if estimate.at_bound]:
         yield f"On a bound of Table 1, so perhaps beyond it: {_listed(on_bound, found)}."
     if found.better_mass_matrix not in (None, found.mass_matrix):

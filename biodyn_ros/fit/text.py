@@ -10,13 +10,19 @@ from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.base.wording import counted
 from biodyn_core.body.usual_residual import LEAST_WINDOWS
 from biodyn_core.identification.residuals import ResidualCheck
+from biodyn_core.population.distribution import SPREAD
 from biodyn_ros.base.wording import number, parameter_name, with_interval, words
 from biodyn_ros.fit.report import FitEvent, FitName, Report
 
 _SAME_OBJECTIVE: Final = 1.02
 """Objectives of two refiners that differ by no more than this factor are the same."""
 
-BY: Final[dict[FitName, str]] = {"alone": "by itself", "joint": "joint", "idealized": "idealized"}
+BY: Final[dict[FitName, str]] = {
+    "alone": "by itself",
+    "joint": "joint",
+    "idealized": "idealized",
+    "without_prior": "joint without prior",
+}
 """The fits with their titles."""
 
 
@@ -86,6 +92,7 @@ def remarks(report: Report) -> Iterator[str]:
     searches = (f"{name} {search.reached} of {search.costs.size}" for name, search in report.searches)
     yield f"swarms that reached the lowest minimum: {', '.join(searches)}"
     yield f"refined starts that reached the lowest objective: {joint.reached} of {joint.refined.costs.size}"
+    yield from prior_lines(report)
     if joint.at_bound:
         yield f"on a bound of Table 1: {', '.join(map(parameter_name, joint.at_bound))}"
     if found.idealized.flagged:
@@ -100,6 +107,18 @@ def remarks(report: Report) -> Iterator[str]:
     yield _interval_line(report)
     if not report.held_out:
         yield "nothing was held out: the prediction error on an unused event is not known (--hold-out, validate)"
+
+
+def prior_lines(report: Report) -> Iterator[str]:
+    """How far the result is from the published groups, and the parameters that are theirs rather than measured."""
+    if report.joint.prior is None:
+        return
+    yield (
+        f"prior: published groups of people; the result is {number(report.distance)} standard deviations from their"
+        f" mean, where {number(math.sqrt(SPREAD.stop))} are usual"
+    )
+    if names := [one.name for one in report.uncertainty.estimates if one.identifiability == "from the prior"]:
+        yield f"from the prior, because these recordings say little of them: {'; '.join(map(parameter_name, names))}"
 
 
 def _interval_line(report: Report) -> str:

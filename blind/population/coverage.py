@@ -31,7 +31,7 @@ def covered(people: int) -> dict[str, float]:
     for case in CASES:
         seat = _seat(case)
         predicted = _exposure(new_subject("mean", BODY_MASS_KG, 1.75), seat)
-        for theta in population().draw(rng, people):
+        for theta in population().at_rest.draw(rng, people):
             person = person_of(theta)
             for figure, inside in _inside(predicted, _exposure(person, seat)):
                 hits.setdefault(figure, []).append(inside)

@@ -19,7 +19,8 @@ from biodyn_core.body.model import Chain
 from biodyn_core.body.parameters import DAMPINGS, FREQUENCIES, LOWER, STIFFENING, UPPER
 from biodyn_core.population.beside import MAGNITUDE_MPS2
 from biodyn_core.population.curves import BAND_HZ
-from biodyn_core.population.population import Population, places_of, theta_of
+from biodyn_core.population.distribution import AT_BOUND, Distribution, places_of, theta_of
+from biodyn_core.population.population import Population
 from biodyn_core.population.references import references
 
 Floats = NDArray[np.float64]
@@ -37,8 +38,8 @@ class Derivation:
 
     tolerance: of the normalised apparent mass at a line, independent at every fourth. centre_spread: standard deviation
     of the mean's places around the middle of Table 1. spread: that of a person's places around the mean's, where the
-    references leave them free; it is assumed. softening, rate_mps, tau_s: of thixotropy in every joint, which makes the
-    resonance fall with magnitude as published.
+    references leave them free; it is assumed, and the least of any parameter. softening, rate_mps, tau_s: of
+    thixotropy in every joint, which makes the resonance fall with magnitude.
     """
 
     people: int = 400
@@ -67,15 +68,32 @@ def derive(how: Derivation) -> Population:
     starts = centre + how.spread * rng.normal(size=(how.people, centre.size))
     places = np.array([nearest(target, start, how.spread, how) for target, start in zip(targets, starts, strict=True)])
     softening = {"softening": how.softening, "rate_mps": how.rate_mps, "tau_s": how.tau_s}
-    at_rest = places_of(np.array([stiffened(theta, how.softening, how.rate_mps) for theta in theta_of(places)]))
+    at_rest = places_off_bounds(np.array([stiffened(theta, how.softening, how.rate_mps) for theta in theta_of(places)]))
     provenance: dict[str, Any] = {
         "references": [reference.source],
         "assumed": reference.assumed_spread.reason,
         "derivation": asdict(how),
     }
     # The chain with the published mean, not the mean of the places: that of parameters has another response.
-    middle = places_of(stiffened(theta_of(centre), how.softening, how.rate_mps))
-    return Population(middle, np.cov(at_rest.T), softening, provenance)
+    middle = places_off_bounds(stiffened(theta_of(centre), how.softening, how.rate_mps))
+    return Population(
+        Distribution(middle, _at_least(how.spread, np.cov(at_rest.T))),
+        Distribution(places_off_bounds(theta_of(centre)), _at_least(how.spread, np.cov(places.T))),
+        softening,
+        provenance,
+    )
+
+
+def places_off_bounds(theta: Floats) -> Floats:
+    """The places of theta where they are not linear: near a bound they would add spread that nobody has."""
+    most = np.log((1.0 - AT_BOUND) / AT_BOUND)
+    return np.clip(places_of(theta), -most, most)
+
+
+def _at_least(spread: float, covariance: Floats) -> Floats:
+    """The covariance with variances of at least spread^2, also of parameters that everybody has at a bound."""
+    lacking = np.maximum(spread**2 - np.diag(covariance), 0.0)
+    return np.asarray(covariance + np.diag(lacking))
 
 
 def stiffened(theta: Floats, softening: float, rate_mps: float, sites: Sequence[str] = SEGMENTS) -> Floats:

@@ -10,7 +10,8 @@ import numpy as np
 
 from biodyn_core.population.beside import MAGNITUDE_MPS2, BesidePeople, Softened
 from biodyn_core.population.curves import BAND_HZ, curves, peak_of
-from biodyn_core.population.population import Population, theta_of
+from biodyn_core.population.distribution import theta_of
+from biodyn_core.population.population import Population
 from biodyn_core.population.references import Softening, references
 from blind.population.coverage import person_of
 from blind.population.head import MOST, HeadRow
@@ -196,7 +197,7 @@ def _subjects(subjects: Sequence[BesidePeople]) -> str:
 
 
 def _population(of: Population) -> str:
-    drawn = [curves(person_of(theta), MAGNITUDE_MPS2) for theta in of.draw(np.random.default_rng(1), DRAWN)]
+    drawn = [curves(person_of(theta), MAGNITUDE_MPS2) for theta in of.at_rest.draw(np.random.default_rng(1), DRAWN)]
     frequency_hz = drawn[0].frequency_hz
     band = references().apparent_mass.band(frequency_hz)
     masses = np.array([one.apparent_mass for one in drawn])
@@ -213,12 +214,12 @@ def _population(of: Population) -> str:
             ]
         )  # fmt: skip
     how = of.provenance["derivation"]
-    mean, sd = theta_of(of.mean), np.sqrt(np.diag(of.spread.covariance))
+    mean, sd = theta_of(of.at_rest.mean), np.sqrt(np.diag(of.at_rest.spread.covariance))
     parameters = [
         [name, f"{value:.3g}", f"{100 * one:.1f} %"]
-        for name, value, one in zip(of.spread.names, mean[: len(sd)], sd, strict=True)
+        for name, value, one in zip(of.at_rest.spread.names, mean[: len(sd)], sd, strict=True)
     ]
-    narrow = [name for name, one in zip(of.spread.names, sd, strict=True) if one < NARROW]
+    narrow = [name for name, one in zip(of.at_rest.spread.names, sd, strict=True) if one < NARROW]
     lines = [
         POPULATION.format(**how), "",
         *table(["f, Hz", "modulus, group", "modulus, population", "phase, group", "phase, population"], rows), "",

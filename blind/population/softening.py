@@ -15,7 +15,7 @@ from biodyn_core.body.parameters import STIFFENING, Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.population.beside import BesidePeople, beside_people
-from biodyn_core.population.population import theta_of
+from biodyn_core.population.distribution import theta_of
 from biodyn_core.population.references import references
 from blind.population.deriving import BODY_MASS_KG, FREQUENCY_HZ, Derivation, nearest, stiffened
 

@@ -163,7 +163,7 @@ def fitted(person: Person) -> tuple[Subject, float]:
     cases: dict[str, list[Case]] = {"fit": [], "held": []}
     for index, role in enumerate(person.roles):
         if role in cases:
-            cases[role].append(_case(one.events[index].event, one.events[index].name, one.streams(index, False)))
+            cases[role].append(case_of(one.events[index].event, one.events[index].name, one.streams(index, False)))
     given = Subject("drawn", one.body_mass_kg, 1.75, one.mass_matrix, UNFITTED)
     fit = fit_joint(cases["fit"], given, 0)
     sure = uncertainty(fit, cases["fit"])
@@ -176,7 +176,8 @@ def fitted(person: Person) -> tuple[Subject, float]:
     return dataclasses.replace(fit.subject, provenance=provenance), fit.error_percent
 
 
-def _case(event: Event, name: str, streams: dict[str, Stream]) -> Case:
+def case_of(event: Event, name: str, streams: dict[str, Stream]) -> Case:
+    """The streams of one event as a case for fits; raises InputError for a recording of several runs."""
     recorder = Recorder(event.case, name)
     for sensor, (stamps_ns, force_mps2, _) in streams.items():
         recorder.push(sensor, stamps_ns + _begin_ns(event), force_mps2)

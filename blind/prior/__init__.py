@@ -1,0 +1,1 @@
+"""Fits with a prior: how many data they need beside fits without one."""
