@@ -21,7 +21,7 @@ def _run(options: argparse.Namespace) -> None:
 
 
 COMMAND = Command(
-    line="makes a subject, plays the bundled bag live, then replays it",
+    line="plays the bundled bag live, then replays it",
     examples=("biodyn demo --out demo_results",),
     add=_add,
     run=_run,
