@@ -20,7 +20,17 @@ from biodyn_core.body.model import Chain
 from biodyn_core.body.parameter_spread import largest_steps, neighbours, parameter_spread
 from biodyn_core.body.usual_residual import PROVENANCE, UsualResidual
 from biodyn_core.conditioning.conditioned import Block
-from biodyn_core.exposure.figure_spread import ACCEL_FACTORS, FORCE_FACTORS, FigureSpread, SpreadMeter, interval
+from biodyn_core.exposure.figure_spread import (
+    ACCEL_FACTORS,
+    FORCE_FACTORS,
+    FigureSpread,
+    SpreadMeter,
+    interval,
+    mean_square_change,
+)
+from biodyn_core.exposure.figure_spread import (
+    spread as spread_of,
+)
 from biodyn_core.exposure.meters import DoseMeter
 from biodyn_core.pipeline.intervals import NEIGHBOURS, IntervalEstimator, SegmentSpread, carried, prediction_spread
 from biodyn_core.pipeline.pipeline import Pipeline
@@ -85,6 +95,19 @@ def test_one_window_by_hand() -> None:
     assert first.of_means == pytest.approx(math.hypot(ACCEL_FACTORS.doses * 0.1, 0.05))
     assert first.of_vdv == pytest.approx(first.of_means)
     assert first.of_peaks == pytest.approx(math.hypot(ACCEL_FACTORS.peaks * 0.1, 0.05))
+
+
+def test_both_sides_have_the_mean_square_of_a_parabola() -> None:
+    """Y = a x + b x^2 of a normal x has the mean square a^2 + 3 b^2; by one side it would be (a + b)^2."""
+    slope, bend = np.array([0.2, 0.1]), np.array([-0.2, 0.05])
+    ahead, back = slope + bend, -slope + bend
+    x = np.random.default_rng(0).normal(size=(400_000, 2))
+    drawn = float(np.mean((x @ slope + x**2 @ bend) ** 2))
+    assert mean_square_change(np.append(ahead, back), both_sides=True) == pytest.approx(drawn, rel=0.02)
+    assert mean_square_change(ahead, both_sides=False) == pytest.approx(0.15**2)
+    squares = np.exp(2.0 * np.append(0.0, np.append(ahead, back)))
+    found = spread_of(np.array([squares[0], 0.0, *squares[1:]]), 1.0, 0.5, both_sides=True)
+    assert found == pytest.approx(math.sqrt(drawn), rel=0.01)
 
 
 def test_vdv_follows_the_strong_windows_and_means_all() -> None:

@@ -3,6 +3,7 @@
 Two causes add up in squares. The model misses a share of the motion in each octave band, as in the events that it was
 not fitted to (`UsualResidual`). Its parameters are known within their covariance: neighbouring chains, one standard
 deviation off along independent steps, give other figures, the more so the further a motion goes beyond the fitted ones.
+Where the covariance is wide, figures bend along a step: then there is a chain on both sides of each step.
 """
 
 from __future__ import annotations
@@ -55,14 +56,16 @@ def interval(value: float, spread: float) -> tuple[float, float]:
 
 
 class SpreadMeter(Meter[tuple[FigureSpread | None, ...]]):
-    """`push` windows of one second; read the spreads by channel. factors: of each channel.
+    """`push` windows of one second; read the spreads by channel. factors: of each channel; both_sides: see `spread`.
 
     A window has mean squares of each channel (c,) as predicted, their expected error by the model (c,), and the mean
     squares of the neighbouring chains (c, k). VDV and peaks weight each window by the square of its mean square.
     """
 
-    def __init__(self, factors: Sequence[SpreadFactors], neighbours: int, window_s: float) -> None:
-        self._factors = factors
+    def __init__(
+        self, factors: Sequence[SpreadFactors], neighbours: int, window_s: float, both_sides: bool = False
+    ) -> None:
+        self._factors, self._both_sides = factors, both_sides
         self._tally = Tally(1.0, len(factors), 2 * (2 + neighbours), 2 * (2 + neighbours), window_s)
 
     def push(self, square: Floats, error: Floats, neighbours: Floats) -> None:
@@ -77,24 +80,38 @@ class SpreadMeter(Meter[tuple[FigureSpread | None, ...]]):
 
     def _figures(self, rows: Floats, rolling: bool) -> tuple[FigureSpread | None, ...]:
         return tuple(
-            _figure_spread(row, factors) if row[0] > 0.0 else None
+            self._figure_spread(row, factors) if row[0] > 0.0 else None
             for row, factors in zip(rows, self._factors, strict=True)
         )
 
+    def _figure_spread(self, row: Floats, factors: SpreadFactors) -> FigureSpread:
+        means, fourths = np.split(row, 2)
+        return FigureSpread(
+            spread(means, factors.doses, 0.5, self._both_sides),
+            spread(fourths, factors.doses, 0.25, self._both_sides),
+            spread(fourths, factors.peaks, 0.25, self._both_sides),
+        )
 
-def _figure_spread(row: Floats, factors: SpreadFactors) -> FigureSpread:
-    means, fourths = np.split(row, 2)
-    return FigureSpread(
-        spread(means, factors.doses, 0.5), spread(fourths, factors.doses, 0.25), spread(fourths, factors.peaks, 0.25)
-    )
 
-
-def spread(sums: Floats, factor: float, root: float) -> float:
+def spread(sums: Floats, factor: float, root: float, both_sides: bool = False) -> float:
     """Standard deviation of the logarithm of the root of a sum of squares or fourth powers.
 
     sums (2 + k,): of the figure, of its expected error, and of the figure by the neighbouring chains; factor: of the
-    error; root: 1/2 or 1/4.
+    error; root: 1/2 or 1/4; both_sides: the second half of the neighbours is opposite the first.
     """
     square, error, *neighbours = sums.tolist()
-    changes = (root * math.log(max(one, LEAST * square) / square) for one in neighbours)
-    return math.sqrt(factor**2 * error / square + sum(change**2 for change in changes))
+    changes = root * np.log(np.maximum(neighbours, LEAST * square) / square)
+    return math.sqrt(factor**2 * error / square + mean_square_change(changes, both_sides))
+
+
+def mean_square_change(changes: Floats, both_sides: bool) -> float:
+    """Mean square change of a quantity by normal steps, from its changes (k,) by one standard deviation of each.
+
+    With both sides, (2 k,), it has the second order along each step, and allows for the change of the mean (JCGM
+    100:2008, note to 5.1.2).
+    """
+    if not both_sides:
+        return float(np.sum(changes**2))
+    ahead, back = np.split(changes, 2)
+    slope, curvature = 0.5 * (ahead - back), ahead + back
+    return float(np.sum(slope**2) + 0.5 * np.sum(curvature**2) + (0.5 * np.sum(curvature)) ** 2)

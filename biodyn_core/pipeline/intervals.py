@@ -27,7 +27,7 @@ from biodyn_core.pipeline.windows import SecondWindows, Window
 from biodyn_core.signals.octaves import N_BANDS, octave_squares
 
 NEIGHBOURS: Final = 4
-"""Neighbouring chains: four have nearly the spread of as many as there are parameters (docs/science.md)."""
+"""Steps to neighbouring chains: four have nearly the spread of as many as there are parameters (docs/science.md)."""
 
 REMEMBERED: Final = 120
 """Windows whose spread of the acceleration is remembered, for curves."""
@@ -51,13 +51,16 @@ class SegmentSpread(NamedTuple):
 class PredictionSpread:
     """Errors of a subject's predictions: chains one standard deviation off, and the share of the motion missed.
 
-    share (6, 6): by band and segment; mass_kg (6,): of the segments. has_force_peaks: whether the spread of peaks of
-    joint forces is known. By the covariance of the population alone 74 % of people were within it, so it is not given.
+    share (6, 6): by band and segment; mass_kg (6,): of the segments. both_sides: the second half of the chains is
+    opposite the first, because the covariance is that between people, along which figures bend. has_force_peaks:
+    whether the spread of peaks of joint forces is known. By the covariance of the population alone 71 % of people were
+    within it, so it is not given.
     """
 
     chains: tuple[Chain, ...]
     share: Floats
     mass_kg: Floats
+    both_sides: bool = False
     has_force_peaks: bool = True
 
 
@@ -67,8 +70,10 @@ def prediction_spread(subject: Subject) -> tuple[PredictionSpread | None, str]:
     laws, no_laws = usual_residuals(subject.provenance)
     if parameters is None or (no_laws and origin_of(subject) != "group"):
         return None, no_parameters or no_laws
-    chains = neighbours(subject, largest_steps(subject, parameters, NEIGHBOURS))
-    return PredictionSpread(tuple(chains), _shares(laws), Chain.of(subject).mass_kg, has_force_peaks=not no_laws), ""
+    steps, between_people = largest_steps(subject, parameters, NEIGHBOURS), bool(no_laws)
+    chains = neighbours(subject, np.concatenate([steps, -steps]) if between_people else steps)
+    mass_kg = Chain.of(subject).mass_kg
+    return PredictionSpread(tuple(chains), _shares(laws), mass_kg, between_people, not between_people), ""
 
 
 def _shares(laws: Mapping[str, UsualResidual]) -> Floats:
@@ -94,7 +99,7 @@ class IntervalEstimator:
         self._steppers = [Stepper(chain, rate_hz) for chain in spread.chains]
         self._batch, self._windows, self._epoch_ns = Batch(), SecondWindows(), 0
         factors = (*(ACCEL_FACTORS,) * N_SEGMENTS, *(FORCE_FACTORS,) * N_SEGMENTS)
-        self.meter = SpreadMeter(factors, len(self._steppers), window_s)
+        self.meter = SpreadMeter(factors, len(self._steppers), window_s, spread.both_sides)
         self.recent: deque[AccelSpread] = deque(maxlen=REMEMBERED)
 
     def push(self, block: Block, accel_mps2: Floats) -> None:
@@ -145,6 +150,8 @@ class IntervalEstimator:
         accel_errors = (share**2 * weighted[:, 0]).sum(axis=0)
         self.meter.push(squares[0], np.append(accel_errors, force_errors), squares[1:].T)
         changes = np.mean((accel[:, 1:] - accel[:, :1]) ** 2, axis=0).sum(axis=0)
+        if self._spread.both_sides:
+            changes *= 0.5
         self.recent.append(AccelSpread(window.begin_ns, np.sqrt(errors.sum(axis=0) + changes)))
 
     def spreads(self, rolling: bool) -> dict[str, SegmentSpread]:

@@ -1,8 +1,8 @@
-"""Coverage: whether the figures of people drawn from the population lie in the band of its mean, on the same drive."""
+"""Coverage: whether the figures of people drawn from the population lie in the band of its mean, on the same motion."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
 import numpy as np
@@ -23,19 +23,26 @@ SECONDS: Final = 20.0
 REST_S: Final = 2.0
 SEED: Final = 7
 
+SINE_HZ: Final = (1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0)
+SINE_RMS_MPS2: Final = 1.0
+SINES: Final = tuple(f"{frequency_hz:g} Hz" for frequency_hz in SINE_HZ)
 
-def covered(people: int) -> dict[str, float]:
-    """Share of the figures of drawn people in the 95 % interval of the population's mean, percent by figure."""
-    hits: dict[str, list[bool]] = {}
+Coverage = Mapping[str, Mapping[str, float]]
+"""By motion (load cases, then sine vibration) and figure, percent."""
+
+
+def covered(people: int) -> Coverage:
+    """Share of the figures of drawn people in the 95 % interval of the population's mean."""
+    motions = {case: _drive(case) for case in CASES}
+    motions |= {name: _sine(frequency_hz) for name, frequency_hz in zip(SINES, SINE_HZ, strict=True)}
     rng = np.random.default_rng(SEED)
-    for case in CASES:
-        seat = _seat(case)
-        predicted = _exposure(new_subject("mean", BODY_MASS_KG, 1.75), seat)
-        for theta in population().at_rest.draw(rng, people):
-            person = person_of(theta)
-            for figure, inside in _inside(predicted, _exposure(person, seat)):
-                hits.setdefault(figure, []).append(inside)
-    return {figure: 100.0 * float(np.mean(found)) for figure, found in hits.items()}
+    return {name: _covered(motion, population().at_rest.draw(rng, people)) for name, motion in motions.items()}
+
+
+def averaged(coverage: Coverage, motions: Iterable[str]) -> dict[str, float]:
+    """Mean over these motions, by figure."""
+    rows = [coverage[motion] for motion in motions]
+    return {figure: float(np.mean([row[figure] for row in rows])) for figure in rows[0]}
 
 
 def person_of(theta: NDArray[np.float64]) -> Subject:
@@ -43,12 +50,32 @@ def person_of(theta: NDArray[np.float64]) -> Subject:
     return Subject("drawn", BODY_MASS_KG, 1.75, "segment", Parameters.from_vector(theta), population().effects)
 
 
-def _seat(case: str) -> NDArray[np.float64]:
-    """Specific force (n, 3) of the seat: rest, then a load case."""
-    motion = load_case(case, SECONDS, np.random.default_rng(SEED), NATIVE_RATE_HZ).accel_mps2.copy()
-    motion[:, :2] = 0.0
-    whole = np.concatenate([np.zeros((round(REST_S * NATIVE_RATE_HZ), 3)), motion])
-    return whole + np.array([0.0, 0.0, STANDARD_GRAVITY_MPS2])
+def _drive(case: str) -> NDArray[np.float64]:
+    """Vertical acceleration (n,) of a load case."""
+    return load_case(case, SECONDS, np.random.default_rng(SEED), NATIVE_RATE_HZ).accel_mps2[:, 2]
+
+
+def _sine(frequency_hz: float) -> NDArray[np.float64]:
+    """Vertical acceleration (n,) that grows over a second to its amplitude."""
+    time_s = np.arange(round(SECONDS * NATIVE_RATE_HZ)) / NATIVE_RATE_HZ
+    sine = np.sin(2.0 * np.pi * frequency_hz * time_s)
+    return np.sqrt(2.0) * SINE_RMS_MPS2 * np.minimum(time_s, 1.0) * sine
+
+
+def _covered(vertical_mps2: NDArray[np.float64], people: NDArray[np.float64]) -> dict[str, float]:
+    """Share of people (n, 15) in the interval on this motion, percent by figure."""
+    seat, hits = _specific_force(vertical_mps2), dict[str, list[bool]]()
+    predicted = _exposure(new_subject("mean", BODY_MASS_KG, 1.75), seat)
+    for theta in people:
+        for figure, inside in _inside(predicted, _exposure(person_of(theta), seat)):
+            hits.setdefault(figure, []).append(inside)
+    return {figure: 100.0 * float(np.mean(found)) for figure, found in hits.items()}
+
+
+def _specific_force(vertical_mps2: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Specific force (n, 3) of the seat: rest, then this motion."""
+    vertical = np.concatenate([np.zeros(round(REST_S * NATIVE_RATE_HZ)), vertical_mps2])
+    return np.column_stack([np.zeros((len(vertical), 2)), vertical + STANDARD_GRAVITY_MPS2])
 
 
 def _exposure(subject: Subject, seat: NDArray[np.float64]) -> Exposure:

@@ -8,12 +8,13 @@ from typing import Final
 
 import numpy as np
 
+from biodyn_core.body.synthesis_settings import CASES
 from biodyn_core.population.beside import MAGNITUDE_MPS2, BesidePeople, Softened
 from biodyn_core.population.curves import BAND_HZ, curves, peak_of
 from biodyn_core.population.distribution import theta_of
 from biodyn_core.population.population import Population
 from biodyn_core.population.references import Softening, references
-from blind.population.coverage import person_of
+from blind.population.coverage import SINE_RMS_MPS2, SINES, Coverage, averaged, person_of
 from blind.population.head import MOST, HeadRow
 from blind.population.softening import SofteningRow
 from blind.sessions.page import Mark
@@ -83,11 +84,14 @@ rate {rate_mps:g} m/s, {tau_s:g} s."""
 LIMITS: Final = """\
 - No person was recorded here. The references are groups in laboratories under vertical vibration; the magnitude for the
   60 people could not be read, and is taken as 1 m/s^2.
-- The band of a new subject is the spread between people. What the model itself misses is not in it. The band is of
-  first order in the parameters: in two pure tones (4 and 9 Hz) aw of the pelvis had a standard deviation of 1 % by the
-  band, and of 7 % among drawn people.
-- Peaks of joint forces have no band: 74 % of drawn people were within it (40 people, three drives, 2026-11-26).
+- The band of a new subject is the spread between people. What the model itself misses is not in it.
+- Peaks of joint forces have no band: 71 % of drawn people were within it (100 people, three drives, 2026-11-26).
 - Stature has no influence. Below 40 and above 120 kg the subject is marked as extrapolated."""
+
+COVERED: Final = f"""\
+Percent of drawn people within the 95 % interval of the mean's prediction, all segments together, by motion: roads,
+shocks, and sine vibration of {SINE_RMS_MPS2:g} m/s^2 rms. The band is of second order along each step of the
+parameters."""
 
 SHARE: Final = 90.0
 COVERAGE: Final = (90.0, 98.0)
@@ -101,7 +105,7 @@ class Study:
 
     population: Population
     subjects: Sequence[BesidePeople]
-    covered: Mapping[str, float]
+    covered: Coverage
     compromises: Sequence[HeadRow]
     softened: Sequence[SofteningRow]
 
@@ -122,9 +126,10 @@ def marks(study: Study) -> list[Mark]:
         for name, share in shares.items()
     ]  # fmt: skip
     least, most = COVERAGE
-    for figure, share in study.covered.items():
-        what = f"people of the population in the 95 % interval: {figure}"
-        found.append(Mark(what, f"{least:g} to {most:g} %", f"{share:.1f} %", least <= share <= most))
+    for motion, names in (("roads and shocks", CASES), ("sine vibration", SINES)):
+        for figure, share in averaged(study.covered, names).items():
+            what = f"people of the population in the 95 % interval, {motion}: {figure}"
+            found.append(Mark(what, f"{least:g} to {most:g} %", f"{share:.1f} %", least <= share <= most))
     for one in study.mean.softened:
         reached = f"{one.exponent:+.3f}"
         what = f"exponent of resonance over magnitude, {_short(one.published.source)}"
@@ -137,7 +142,7 @@ def rendered(study: Study, date: str) -> str:
     """The page."""
     parts = [
         HEAD, f"Run of {date}.\n", _marks(study), _references(), _subjects(study.subjects),
-        _population(study.population), _head(study.compromises),
+        _population(study.population), _covered(study.covered), _head(study.compromises),
         _softening(study.softened, study.population.softening), _limits(),
     ]  # fmt: skip
     return "\n".join(parts).rstrip() + "\n"
@@ -227,6 +232,12 @@ def _population(of: Population) -> str:
         AT_BOUNDS.format(narrow=", ".join(narrow)),
     ]  # fmt: skip
     return _section("The population", lines)
+
+
+def _covered(coverage: Coverage) -> str:
+    figures = list(coverage[SINES[0]])
+    rows = [[motion, *(f"{row[figure]:.0f}" for figure in figures)] for motion, row in coverage.items()]
+    return _section("Bands of predictions", [COVERED, "", *table(["motion", *figures], rows)])
 
 
 def _head(found: Sequence[HeadRow]) -> str:
