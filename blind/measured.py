@@ -12,10 +12,11 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from world import measured, seats
+from world import measured
 
 from biodyn_core.sensor_pairs import pairs, transfers
 from biodyn_core.sensor_pairs.settings import PairSettings
+from blind.requirements import has_recordings
 
 Floats = NDArray[np.float64]
 
@@ -174,8 +175,7 @@ def _line(f: pairs.PairCheck) -> str:
 
 def main() -> int:
     """Print both tables; exit code 2 without the recordings."""
-    if not seats.data().is_dir():
-        print(f"blind: the recordings are not in {seats.data()}: set BIODYN_DATA to their directory", file=sys.stderr)
+    if not has_recordings():
         return 2
     for one in without_fault():
         print(f"{one.name:32} as it is {one.still_percent:5.1f} %  {_line(one.found)}")

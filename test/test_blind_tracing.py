@@ -403,7 +403,7 @@ def test_every_full_run_adds_a_row_to_the_table(tmp_path: Path) -> None:
 def test_a_partial_run_is_not_published(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(command.seats, "data", lambda: tmp_path)
+    monkeypatch.setattr(command, "has_recordings", lambda: True)
     monkeypatch.setattr(command, "publish", lambda *given: pytest.fail("published"))
     monkeypatch.setattr(command, "run", lambda what, doing, report: study.run(what, in_sequence, answers, scores))
     given = ["--rows", "strong", "--count", "2", "--split", "development", "--out", str(tmp_path)]
@@ -420,7 +420,7 @@ def test_a_partial_run_is_not_published(
 
 def test_a_full_run_is_published_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     published: list[About] = []
-    monkeypatch.setattr(command.seats, "data", lambda: tmp_path)
+    monkeypatch.setattr(command, "has_recordings", lambda: True)
     monkeypatch.setattr(command, "publish", lambda root, about, outcomes, found: published.append(about))
     monkeypatch.setattr(command, "decision", lambda: "0" * 64)
     few = [dataclasses.replace(one, count=30) if one.name == "medium" else one for one in DRAWINGS]

@@ -20,6 +20,7 @@ from blind.population import head, softening
 from blind.population.coverage import covered
 from blind.population.deriving import BODY_MASS_KG, Derivation, derive
 from blind.population.page import Study, marks, rendered
+from blind.requirements import publish
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 PAGE: Final = ROOT / "docs" / "people.md"
@@ -46,11 +47,7 @@ def main(arguments: Sequence[str]) -> int:
         store.population.cache_clear()
     found = study(options.people)
     today = dt.datetime.now(tz=dt.timezone.utc).date().isoformat()
-    PAGE.write_text(rendered(found, today), encoding="utf-8")
-    missed = [mark for mark in marks(found) if not mark.met]
-    for mark in missed:
-        print(f"blind: missed: {mark.what}: {mark.reached}, required {mark.required}", file=sys.stderr)
-    return 1 if missed else 0
+    return publish(PAGE, rendered(found, today), marks(found))
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from biodyn_core.population.references import Softening, references
 from blind.population.coverage import SINE_RMS_MPS2, SINES, Coverage, averaged, person_of
 from blind.population.head import MOST, HeadRow
 from blind.population.softening import SofteningRow
-from blind.sessions.page import Mark
+from blind.requirements import Mark, mark_table
 from conformance.table import table
 
 HEAD: Final = f"""\
@@ -149,8 +149,7 @@ def rendered(study: Study, date: str) -> str:
 
 
 def _marks(study: Study) -> str:
-    rows = [[mark.what, mark.required, mark.reached, "yes" if mark.met else "**no**"] for mark in marks(study)]
-    return _section("", [*table(["requirement", "required", "reached", "met"], rows)])
+    return _section("", mark_table(marks(study)))
 
 
 def _references() -> str:

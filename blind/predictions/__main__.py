@@ -14,13 +14,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from world import seats
-
 from biodyn_core.base.errors import InputError
 from blind.predictions.calibrate import calibrated
 from blind.predictions.driven import Drive, driven
 from blind.predictions.page import marks, rendered
 from blind.predictions.people import CALIBRATION, TEST, people
+from blind.requirements import has_recordings, publish
 from blind.training.collect import in_chunks
 
 ROOT: Final = Path(__file__).resolve().parents[2]
@@ -79,18 +78,13 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--folder", type=Path, default=FOLDER, help="where drives are stored (default blind-out)")
     parser.add_argument("--processes", type=int, default=2, metavar="N", help="processes (default 2)")
     options = parser.parse_args(arguments)
-    if not seats.data().is_dir():
-        print(f"blind: the recordings are not in {seats.data()}: set BIODYN_DATA to their directory", file=sys.stderr)
+    if not has_recordings():
         return 2
     for population, count in ((CALIBRATION, options.calibration), (TEST, options.people)):
         collect(count, population.seed, options.folder / str(population.seed), options.processes)
     training, drives = (stored(options.folder / str(one.seed)) for one in (CALIBRATION, TEST))
     today = dt.datetime.now(tz=dt.timezone.utc).date().isoformat()
-    PAGE.write_text(rendered(drives, calibrated(training), today), encoding="utf-8")
-    missed = [mark for mark in marks(drives) if not mark.met]
-    for mark in missed:
-        print(f"blind: missed: {mark.what}: {mark.reached}, required {mark.required}", file=sys.stderr)
-    return 1 if missed else 0
+    return publish(PAGE, rendered(drives, calibrated(training), today), marks(drives))
 
 
 if __name__ == "__main__":

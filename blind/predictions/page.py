@@ -14,7 +14,7 @@ from blind.predictions.calibrate import Calibration
 from blind.predictions.driven import FIGURES, Drive
 from blind.predictions.people import FIT, HELD, LEVELS, OTHER_KIND
 from blind.predictions.score import LEAST_RATIO, WITHIN_S, Answer, Scored, answer, covered, factor_of, resampled, scored
-from blind.sessions.page import Mark
+from blind.requirements import Mark, mark_table
 from conformance.table import table
 
 _TIMES: Final = ", ".join(f"{level:g}" for level in LEVELS)
@@ -78,17 +78,18 @@ def _hours(drives: Sequence[Drive]) -> float:
 def rendered(drives: Sequence[Drive], calibration: Calibration, date: str) -> str:
     """The page."""
     found, answers = list(scored(drives)), [answer(drive) for drive in drives]
-    parts = [_marks(drives), _coverage(found), _curves(drives), _misfits(answers), _calibration(calibration)]
+    parts = [
+        [*mark_table(marks(drives)), ""],
+        _coverage(found),
+        _curves(drives),
+        _misfits(answers),
+        _calibration(calibration),
+    ]
     people = (
         f"Run of {date}: {len(drives)} people, {_hours(drives):.1f} hours without an effect. The fits leave"
         f" {np.median([drive.error_percent for drive in drives]):.1f} % of the measured rms in the median."
     )
     return "\n".join([HEAD, people, "", *(line for part in parts for line in part)]).rstrip() + "\n"
-
-
-def _marks(drives: Sequence[Drive]) -> list[str]:
-    rows = [[mark.what, mark.required, mark.reached, "yes" if mark.met else "**no**"] for mark in marks(drives)]
-    return [*table(["requirement", "required", "reached", "met"], rows), ""]
 
 
 def _coverage(found: Sequence[Scored]) -> list[str]:

@@ -16,11 +16,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from world import seats
-
 from blind.prior.fits import FitPair, Score, pairs
 from blind.prior.page import marks, rendered
 from blind.prior.people import people
+from blind.requirements import has_recordings, publish
 from blind.training.collect import in_chunks
 
 ROOT: Final = Path(__file__).resolve().parents[2]
@@ -66,17 +65,12 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--folder", type=Path, default=FOLDER, help="where fits are stored (default blind-out)")
     parser.add_argument("--processes", type=int, default=2, metavar="N", help="processes (default 2)")
     options = parser.parse_args(arguments)
-    if not seats.data().is_dir():
-        print(f"blind: the recordings are not in {seats.data()}: set BIODYN_DATA to their directory", file=sys.stderr)
+    if not has_recordings():
         return 2
     collect(options.people, options.folder, options.processes)
     found = stored(options.folder)
     today = dt.datetime.now(tz=dt.timezone.utc).date().isoformat()
-    PAGE.write_text(rendered(found, today), encoding="utf-8")
-    missed = [mark for mark in marks(found) if not mark.met]
-    for mark in missed:
-        print(f"blind: missed: {mark.what}: {mark.reached}, required {mark.required}", file=sys.stderr)
-    return 1 if missed else 0
+    return publish(PAGE, rendered(found, today), marks(found))
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import numpy as np
 from biodyn_core.population.distribution import SPREAD
 from blind.prior.fits import AMOUNTS, AMPLE, FitPair
 from blind.prior.people import ORIGINS, STIFFENING_RANGE, WEAK_LEVEL
-from blind.sessions.page import Mark
+from blind.requirements import Mark, mark_table
 from conformance.table import table
 
 WORST: Final = 1.05
@@ -50,10 +50,9 @@ def marks(found: Sequence[FitPair]) -> list[Mark]:
 def rendered(found: Sequence[FitPair], date: str) -> str:
     """The page."""
     people = {one.person for one in found}
-    rows = [[mark.what, mark.required, mark.reached, "yes" if mark.met else "**no**"] for mark in marks(found)]
     parts = [
         HEAD, f"Run of {date}, {len(people)} people.\n",
-        "\n".join(table(["requirement", "required", "reached", "met"], rows)), "",
+        "\n".join(mark_table(marks(found))), "",
         *(_section(found, origin) for origin in ORIGINS), _intervals(found), _limits(),
     ]  # fmt: skip
     return "\n".join(parts).rstrip() + "\n"

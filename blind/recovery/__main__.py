@@ -7,13 +7,12 @@ import time
 from pathlib import Path
 from typing import Final
 
-from world import seats
-
 from blind.recovery.draw import draw
 from blind.recovery.identify import identify
 from blind.recovery.marks import marks
 from blind.recovery.page import rendered
 from blind.recovery.results import compare
+from blind.requirements import has_recordings
 
 PAGE: Final = Path(__file__).resolve().parents[2] / "docs" / "recovery.md"
 PEOPLE: Final = 20
@@ -22,8 +21,7 @@ SEED: Final = 2026
 
 def main() -> int:
     """Run the whole study, about ten minutes on one core."""
-    if not seats.data().is_dir():
-        print(f"blind: the recordings are not in {seats.data()}: set BIODYN_DATA to their directory", file=sys.stderr)
+    if not has_recordings():
         return 2
     begin = time.perf_counter()
 

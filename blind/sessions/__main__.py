@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from blind.requirements import publish
 from blind.sessions.finding import FindingScore, score_of
 from blind.sessions.fitting import scores_of
 from blind.sessions.page import marks, rendered
@@ -38,11 +39,8 @@ def main(arguments: Sequence[str]) -> int:
         sessions.append(score_of(MINUTES, SEED + number))
         report(f"session {number + 1} of {options.sessions}: {sessions[-1]}")
     fits = scores_of(options.people, MINUTES, SEED, report)
-    PAGE.write_text(rendered(sessions, fits, dt.datetime.now(tz=dt.timezone.utc).date().isoformat()), encoding="utf-8")
-    missed = [mark for mark in marks(FindingScore.total(sessions), fits) if not mark.met]
-    for mark in missed:
-        report(f"missed: {mark.what}: {mark.reached}, required {mark.required}")
-    return 1 if missed else 0
+    today = dt.datetime.now(tz=dt.timezone.utc).date().isoformat()
+    return publish(PAGE, rendered(sessions, fits, today), marks(FindingScore.total(sessions), fits))
 
 
 if __name__ == "__main__":

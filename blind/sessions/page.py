@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from world.session import LEAST_G, ROAD_RMS_MPS2
 
 from biodyn_core.base.wording import counted
+from blind.requirements import Mark, mark_table
 from blind.sessions.finding import NEAR_S, FindingScore
 from blind.sessions.fitting import FitScore
 from conformance.table import table
@@ -30,16 +30,6 @@ For the fits, people sit in such sessions, by the paper's equations and DOP853, 
 one clock. Each person is fitted twice: on events that were found, and on events cut by hand with the hidden list, at
 most eight of each condition. Both subjects predict another drive.
 """
-
-
-@dataclass(frozen=True)
-class Mark:
-    """One requirement and what was reached."""
-
-    what: str
-    required: str
-    reached: str
-    met: bool
 
 
 def marks(found: FindingScore, fits: Sequence[FitScore]) -> list[Mark]:
@@ -68,10 +58,6 @@ def marks(found: FindingScore, fits: Sequence[FitScore]) -> list[Mark]:
 def rendered(sessions: Sequence[FindingScore], fits: Sequence[FitScore], date: str) -> str:
     """The page."""
     total = FindingScore.total(sessions)
-    rows = [
-        ["requirement", "required", "reached", "met"],
-        *([mark.what, mark.required, mark.reached, "yes" if mark.met else "**no**"] for mark in marks(total, fits)),
-    ]
     people = [
         ["person", "found events, %", "by hand, %", "truth, %", "ratio", "worst parameter, found", "by hand"],
         *(
@@ -86,7 +72,7 @@ def rendered(sessions: Sequence[FindingScore], fits: Sequence[FitScore], date: s
             f"Run of {date}: {counted(len(sessions), 'session')}, {total.seconds / 60.0:.0f} minutes in all.",
             f"{total.rests_found} of {total.rests} standstills are found as rests.",
             "",
-            *table(rows[0], rows[1:]),
+            *mark_table(marks(total, fits)),
             "",
             "## Fits",
             "",

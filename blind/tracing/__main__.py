@@ -12,11 +12,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, get_args
 
-from world import seats
 from world.effects.draw import SCORING, Split
 
 from bench.machine import machine
 from biodyn_core.base.errors import InputError
+from blind.requirements import has_recordings
 from blind.tracing import streams
 from blind.tracing.answer import decision
 from blind.tracing.marks import Mark, marks
@@ -32,8 +32,7 @@ OUT: Final = Path("blind-out")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the study, or continue it, and publish a complete one."""
     options = _parser().parse_args(arguments)
-    if not seats.data().is_dir():
-        print(f"blind: the recordings are not in {seats.data()}: set BIODYN_DATA to their directory", file=sys.stderr)
+    if not has_recordings():
         return 2
     try:
         return _run(options)

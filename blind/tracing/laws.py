@@ -8,20 +8,19 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-from world import seats
 from world.effects.draw import Split
 
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.identification.fit import fit_joint
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_ros.work.executors import as_done, executor_of, result_of
+from blind.requirements import has_recordings
 from blind.tracing.answer import TRACE_SEED
 from blind.tracing.outcome import site_distance
 from blind.tracing.records import causes, record, sittings
@@ -101,8 +100,7 @@ def table(found: Sequence[Closure]) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print a line for each record as it is ready, then the table."""
     options = _parser().parse_args(arguments)
-    if not seats.data().is_dir():
-        print(f"blind: the recordings are not in {seats.data()}: set BIODYN_DATA to their directory", file=sys.stderr)
+    if not has_recordings():
         return 2
     done = _stored(options.out)
     left = [kind for kind in options.kinds if not any(one.kind == kind for one in done)]
