@@ -24,6 +24,7 @@ from biodyn_core.exposure.figure_spread import (
     ACCEL_FACTORS,
     FORCE_FACTORS,
     FigureSpread,
+    PeakSpreadMeter,
     SpreadMeter,
     interval,
     mean_square_change,
@@ -110,6 +111,23 @@ def test_both_sides_have_the_mean_square_of_a_parabola() -> None:
     assert found == pytest.approx(math.sqrt(drawn), rel=0.01)
 
 
+def test_peaks_spread_as_those_of_each_chain() -> None:
+    """Peaks in different windows; the second channel never pulls."""
+    meter = PeakSpreadMeter(2, 3, 60.0)
+    first = np.array([[[1.0, 5.0], [2.0, 5.0], [3.0, 5.0]], [[-2.0, 4.0], [-1.0, 4.0], [-1.0, 4.0]]])
+    second = np.array([[[4.0, 1.0], [1.0, 1.0], [1.0, 1.0]]])
+    for window in (first, second):
+        meter.push(window)
+    one, other = meter.since_reset()
+    up = mean_square_change(np.log(np.array([2.0, 3.0]) / 4.0), both_sides=True)
+    down = mean_square_change(np.log(np.array([1.0, 1.0]) / 2.0), both_sides=True)
+    assert (one.of_positive, one.of_negative) == pytest.approx((math.sqrt(up), math.sqrt(down)))
+    assert (other.of_positive, other.of_negative) == (0.0, None)
+    another = PeakSpreadMeter(2, 3, 60.0)
+    another.resume(meter.totals())
+    assert another.since_reset() == meter.since_reset() and another.rolling()[0].of_positive is None
+
+
 def test_vdv_follows_the_strong_windows_and_means_all() -> None:
     meter = SpreadMeter([ACCEL_FACTORS], 0, 60.0)
     none = np.empty((1, 0))
@@ -155,7 +173,7 @@ def test_a_share_of_all_bands_is_the_spread_of_every_segment() -> None:
         assert spread.accel.of_means == pytest.approx(0.2 * ACCEL_FACTORS.doses, rel=1e-6)
         assert spread.accel.of_peaks == pytest.approx(0.2 * ACCEL_FACTORS.peaks, rel=1e-6)
     # Errors of the segments above a joint may all have one sign, so the whole is not less sure than the share.
-    forces = [spread.force.of_means / (0.2 * FORCE_FACTORS.doses) for spread in found.values()]
+    forces = [spread.force.of_rms / (0.2 * FORCE_FACTORS.doses) for spread in found.values()]
     assert min(forces) > 0.9 and max(forces) < 2.0
 
 

@@ -301,9 +301,7 @@ def test_predictions_of_a_new_subject_carry_the_spread_of_the_population() -> No
     pipeline = ridden(new_subject("me", 75.0, 1.75))
     assert pipeline.no_interval == ""
     assert "held-out" in pipeline.not_monitored
-    assert all(spread.force.of_peaks is None for spread in pipeline.exposure().spreads.values())
     shares = covered(15)
-    assert "largest compression" not in shares["road"]
     for motions in (CASES, SINES):
         found = averaged(shares, motions)
         assert all(85.0 <= share <= 99.5 for share in found.values()), found
@@ -317,7 +315,9 @@ def test_the_report_of_a_new_subject_says_whom_its_interval_describes() -> None:
     assert document["origin"] == "group" and document["no_interval"] is None
     joint = document["joint_forces"]["pelvis"]
     assert joint["rms_interval_n"] is not None
-    assert joint["compression_interval_n"] is None and joint["tension_interval_n"] is None
+    for peak in ("compression", "tension"):
+        lower, upper = joint[f"{peak}_interval_n"]
+        assert lower < joint[f"{peak}_n"] < upper
 
 
 # --- commands --------------------------------------------------------------------------------------------------------

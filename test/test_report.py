@@ -31,7 +31,7 @@ from biodyn_core.exposure.limits import EU_LIMITS, Limits
 from biodyn_core.exposure.losses import NO_LOSSES, Losses
 from biodyn_core.exposure.meters import Dose
 from biodyn_core.pipeline.frames import NO_MEASURED, NO_PREDICTED, Frames, MeasuredFrames, PredictedFrames
-from biodyn_core.pipeline.intervals import SegmentSpread
+from biodyn_core.pipeline.intervals import ForceSpread, SegmentSpread
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.run_status import RunStatus
 from biodyn_ros.base.wording import (
@@ -150,14 +150,15 @@ def report(**changed: Any) -> ExposureReport:
     return replace(quiet, **changed)
 
 
-def factors(means: float, vdv: float, peaks: float) -> FigureSpread:
-    """The spread of which the intervals reach to the figure over and times these factors."""
-    return FigureSpread(*(math.log(factor) / NORMAL_95 for factor in (means, vdv, peaks)))
+def factors(*given: float) -> list[float]:
+    """Spreads of which the intervals reach to the figure over and times these factors."""
+    return [math.log(factor) / NORMAL_95 for factor in given]
 
 
 def sure(**changed: Any) -> ExposureReport:
     """The report of the quiet recording whose predictions have intervals, with changed fields."""
-    spread = SegmentSpread(accel=factors(2.0, 1.25, 5.0), force=factors(2.5, 100.0, 10.0))
+    accel, force = FigureSpread(*factors(2.0, 1.25, 5.0)), ForceSpread(*factors(2.5, 10.0, 10.0))
+    spread = SegmentSpread(accel, force)
     return report(spreads=dict.fromkeys(SEGMENTS, spread), **changed)
 
 

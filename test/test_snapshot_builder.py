@@ -96,7 +96,7 @@ def test_predictions_have_their_intervals_and_each_second_of_the_error_is_sent_o
     shown, rolling = ride.snapshots[-1], ride.pipeline.exposure(rolling=True)
     head, spread = shown["rows"][0], rolling.spreads["head"]
     assert head["predicted_interval_mps2"] == [*interval(head["predicted_mps2"], spread.accel.of_means)]
-    assert head["compression_interval_n"] == [*interval(head["compression_n"], spread.force.of_peaks)]
+    assert head["compression_interval_n"] == [*interval(head["compression_n"], spread.force.of_compression)]
     assert shown["rows"][-1]["predicted_interval_mps2"] is None
     assert shown["no_interval"] is None
     sent = [one["strip"]["error"] for one in ride.snapshots if "error" in one["strip"]]

@@ -42,11 +42,19 @@ of it is the sensors'. That of the rms of forces is smaller: errors above a join
 
 @dataclass(frozen=True)
 class FigureSpread:
-    """Standard deviations of the logarithms of one channel's mean (aw, rms), VDV and peaks; None if not known."""
+    """Standard deviations of the logarithms of one channel's mean (aw, rms), VDV and peaks."""
 
     of_means: float
     of_vdv: float
-    of_peaks: float | None
+    of_peaks: float
+
+
+@dataclass(frozen=True)
+class PeakSpread:
+    """Standard deviations of the logarithms of one channel's largest positive and negative value; None without one."""
+
+    of_positive: float | None
+    of_negative: float | None
 
 
 def interval(value: float, spread: float) -> tuple[float, float]:
@@ -91,6 +99,38 @@ class SpreadMeter(Meter[tuple[FigureSpread | None, ...]]):
             spread(fourths, factors.doses, 0.25, self._both_sides),
             spread(fourths, factors.peaks, 0.25, self._both_sides),
         )
+
+
+class PeakSpreadMeter(Meter[tuple[PeakSpread, ...]]):
+    """`push` the values of windows of one second; read the spreads of their peaks by channel, by the chains alone.
+
+    The peaks of each chain are its own: a peak of few strong samples does not follow the mean of the fourth powers.
+    chains: the predicted one and its neighbours, on both sides.
+    """
+
+    def __init__(self, channels: int, chains: int, window_s: float) -> None:
+        self._tally = Tally(1.0, channels, 2 * chains, 0, window_s)
+
+    def push(self, values: Floats) -> None:
+        """Count one window (n, 1 + 2 k, c): as predicted, and by the neighbouring chains."""
+        peaks = np.concatenate([values.max(axis=0), -values.min(axis=0)]).T
+        np.maximum(self._tally.bin, peaks, out=self._tally.bin)
+        self._tally.skip(1.0)
+
+    def skip(self, seconds: float) -> None:
+        """Move on by a break of that length."""
+        self._tally.skip(seconds)
+
+    def _figures(self, rows: Floats, rolling: bool) -> tuple[PeakSpread, ...]:
+        return tuple(PeakSpread(*map(_peak_spread, np.split(row, 2))) for row in rows)
+
+
+def _peak_spread(peaks: Floats) -> float | None:
+    """Standard deviation of the logarithm of the first of the peaks (1 + 2 k,); None if it is zero."""
+    if peaks[0] <= 0.0:
+        return None
+    changes = np.log(np.maximum(peaks[1:], LEAST * peaks[0]) / peaks[0])
+    return math.sqrt(mean_square_change(changes, both_sides=True))
 
 
 def spread(sums: Floats, factor: float, root: float, both_sides: bool = False) -> float:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,15 @@ from biodyn_core.body.parameter_spread import largest_steps, neighbours, paramet
 from biodyn_core.body.subject import Subject
 from biodyn_core.body.usual_residual import UsualResidual, usual_residuals
 from biodyn_core.conditioning.conditioned import Block
-from biodyn_core.exposure.figure_spread import ACCEL_FACTORS, FORCE_FACTORS, FigureSpread, SpreadMeter
+from biodyn_core.exposure.figure_spread import (
+    ACCEL_FACTORS,
+    FORCE_FACTORS,
+    FigureSpread,
+    PeakSpread,
+    PeakSpreadMeter,
+    SpreadMeter,
+)
+from biodyn_core.exposure.meters import Meter
 from biodyn_core.exposure.sensor_meters import Batch
 from biodyn_core.pipeline.windows import SecondWindows, Window
 from biodyn_core.signals.octaves import N_BANDS, octave_squares
@@ -40,11 +48,19 @@ class AccelSpread(NamedTuple):
     accel_mps2: Floats
 
 
+class ForceSpread(NamedTuple):
+    """Standard deviations of the logarithms of a joint force's rms and peaks; None without a peak."""
+
+    of_rms: float
+    of_compression: float | None
+    of_tension: float | None
+
+
 class SegmentSpread(NamedTuple):
     """Spreads of the figures of one segment, and of the force in the joint below it."""
 
     accel: FigureSpread
-    force: FigureSpread
+    force: ForceSpread
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,16 +68,13 @@ class PredictionSpread:
     """Errors of a subject's predictions: chains one standard deviation off, and the share of the motion missed.
 
     share (6, 6): by band and segment; mass_kg (6,): of the segments. both_sides: the second half of the chains is
-    opposite the first, because the covariance is that between people, along which figures bend. has_force_peaks:
-    whether the spread of peaks of joint forces is known. By the covariance of the population alone 71 % of people were
-    within it, so it is not given.
+    opposite the first, because the covariance is that between people, along which figures bend.
     """
 
     chains: tuple[Chain, ...]
     share: Floats
     mass_kg: Floats
     both_sides: bool = False
-    has_force_peaks: bool = True
 
 
 def prediction_spread(subject: Subject) -> tuple[PredictionSpread | None, str]:
@@ -72,8 +85,7 @@ def prediction_spread(subject: Subject) -> tuple[PredictionSpread | None, str]:
         return None, no_parameters or no_laws
     steps, between_people = largest_steps(subject, parameters, NEIGHBOURS), bool(no_laws)
     chains = neighbours(subject, np.concatenate([steps, -steps]) if between_people else steps)
-    mass_kg = Chain.of(subject).mass_kg
-    return PredictionSpread(tuple(chains), _shares(laws), mass_kg, between_people, not between_people), ""
+    return PredictionSpread(tuple(chains), _shares(laws), Chain.of(subject).mass_kg, between_people), ""
 
 
 def _shares(laws: Mapping[str, UsualResidual]) -> Floats:
@@ -91,7 +103,9 @@ def _shares(laws: Mapping[str, UsualResidual]) -> Floats:
 class IntervalEstimator:
     """`push` the seat with its predictions; read the `spreads` of the figures, and `recent` ones of the acceleration.
 
-    meter: of the segments' weighted accelerations (6) and of the joint forces (6).
+    meter: of the segments' weighted accelerations (6) and of the joint forces (6). force_peaks: of the peaks of the
+    joint forces by the chains' own peaks, None unless there are chains on both sides. (By `meter` 71 % of the people
+    of the population were within their interval. The factors of a fitted subject are calibrated for `meter`.)
     """
 
     def __init__(self, spread: PredictionSpread, rate_hz: float, window_s: float) -> None:
@@ -100,6 +114,8 @@ class IntervalEstimator:
         self._batch, self._windows, self._epoch_ns = Batch(), SecondWindows(), 0
         factors = (*(ACCEL_FACTORS,) * N_SEGMENTS, *(FORCE_FACTORS,) * N_SEGMENTS)
         self.meter = SpreadMeter(factors, len(self._steppers), window_s, spread.both_sides)
+        peaks = PeakSpreadMeter(N_SEGMENTS, 1 + len(self._steppers), window_s)
+        self.force_peaks = peaks if spread.both_sides else None
         self.recent: deque[AccelSpread] = deque(maxlen=REMEMBERED)
 
     def push(self, block: Block, accel_mps2: Floats) -> None:
@@ -108,7 +124,8 @@ class IntervalEstimator:
             self.count_all()
             for stepper in self._steppers:
                 stepper.reset()
-            self.meter.skip(block.gap_s)
+            for meter in self.meters.values():
+                meter.skip(block.gap_s)
         # Nanoseconds since the sensor's first stamp are exact in a float for a hundred days.
         since_ns = (block.stamps_ns - block.epoch_ns).astype(np.float64)
         self._epoch_ns = block.epoch_ns
@@ -121,7 +138,14 @@ class IntervalEstimator:
     def reset(self) -> None:
         """Set everything "since reset" to zero."""
         self.count_all()
-        self.meter.reset()
+        for meter in self.meters.values():
+            meter.reset()
+
+    @property
+    def meters(self) -> dict[str, Meter[Any]]:
+        """The meters by the names of their stored totals."""
+        peaks: dict[str, Meter[Any]] = {} if self.force_peaks is None else {"spread_of_force_peaks": self.force_peaks}
+        return {"spread": self.meter, **peaks}
 
     def _advance(self, rows: Floats | None) -> None:
         """Carry the neighbouring chains over the seat's samples, and count the windows that they complete."""
@@ -149,6 +173,8 @@ class IntervalEstimator:
         force_errors = (carried(np.sqrt(errors) * mass_kg) ** 2).sum(axis=0)
         accel_errors = (share**2 * weighted[:, 0]).sum(axis=0)
         self.meter.push(squares[0], np.append(accel_errors, force_errors), squares[1:].T)
+        if self.force_peaks:
+            self.force_peaks.push(forces)
         changes = np.mean((accel[:, 1:] - accel[:, :1]) ** 2, axis=0).sum(axis=0)
         if self._spread.both_sides:
             changes *= 0.5
@@ -158,11 +184,16 @@ class IntervalEstimator:
         """The spreads by segment since reset, or over the last `window_s`; without those that no window has counted."""
         self.count_all()
         found = self.meter.rolling() if rolling else self.meter.since_reset()
-        pairs = zip(SEGMENTS, found[:N_SEGMENTS], found[N_SEGMENTS:], strict=True)
-        return {name: SegmentSpread(accel, self._known(force)) for name, accel, force in pairs if accel and force}
-
-    def _known(self, force: FigureSpread) -> FigureSpread:
-        return force if self._spread.has_force_peaks else replace(force, of_peaks=None)
+        of_forces = found[N_SEGMENTS:]
+        if self.force_peaks is None:
+            peaks = [PeakSpread(one.of_peaks, one.of_peaks) if one else None for one in of_forces]
+        else:
+            peaks = [*(self.force_peaks.rolling() if rolling else self.force_peaks.since_reset())]
+        return {
+            name: SegmentSpread(accel, ForceSpread(force.of_means, peak.of_positive, peak.of_negative))
+            for name, accel, force, peak in zip(SEGMENTS, found[:N_SEGMENTS], of_forces, peaks, strict=True)
+            if accel and force and peak
+        }
 
 
 def carried(of_segments: Floats) -> Floats:

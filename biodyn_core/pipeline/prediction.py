@@ -164,7 +164,7 @@ class SeatPredictor:
     def _meters(self) -> dict[str, Meter[Any]]:
         c = self.comparison
         forces: dict[str, Meter[Any]] = {} if self.forces is None else {"joint_forces": self.forces}
-        spread: dict[str, Meter[Any]] = {} if self.intervals is None else {"spread": self.intervals.meter}
+        spread = {} if self.intervals is None else self.intervals.meters
         return {
             "predicted": self.doses, "measured": c.doses, "residual": c.residual, "compared": c.compared, **forces,
             **spread,

@@ -45,9 +45,9 @@ def force_intervals(force: JointForce, spread: SegmentSpread | None) -> ForceInt
     if spread is None:
         return ForceIntervals(None, None, None)
     return ForceIntervals(
-        figure_interval(force.compression_n, spread.force.of_peaks),
-        figure_interval(force.tension_n, spread.force.of_peaks),
-        figure_interval(force.rms_n, spread.force.of_means),
+        figure_interval(force.compression_n, spread.force.of_compression),
+        figure_interval(force.tension_n, spread.force.of_tension),
+        figure_interval(force.rms_n, spread.force.of_rms),
     )
 
 

@@ -95,8 +95,14 @@ def _inside(predicted: Exposure, true: Exposure) -> Iterator[tuple[str, bool]]:
             ("aw of a segment", truth.aw_mps2, dose.aw_mps2, spread.accel.of_means),
             ("VDV of a segment", truth.vdv_mps175, dose.vdv_mps175, spread.accel.of_vdv),
             ("weighted peak of a segment", truth.peak_mps2, dose.peak_mps2, spread.accel.of_peaks),
-            ("rms of a joint's force", true_force.rms_n, force.rms_n, spread.force.of_means),
-            ("largest compression", true_force.compression_n, force.compression_n, spread.force.of_peaks),
+            ("rms of a joint's force", true_force.rms_n, force.rms_n, spread.force.of_rms),
+            (
+                "largest compression of a joint",
+                true_force.compression_n,
+                force.compression_n,
+                spread.force.of_compression,
+            ),
+            ("largest tension of a joint", true_force.tension_n, force.tension_n, spread.force.of_tension),
         ):
             if wide is not None:
                 lower, upper = interval(of, wide)

@@ -85,7 +85,6 @@ LIMITS: Final = """\
 - No person was recorded here. The references are groups in laboratories under vertical vibration; the magnitude for the
   60 people could not be read, and is taken as 1 m/s^2.
 - The band of a new subject is the spread between people. What the model itself misses is not in it.
-- Peaks of joint forces have no band: 71 % of drawn people were within it (100 people, three drives, 2026-11-26).
 - Stature has no influence. Below 40 and above 120 kg the subject is marked as extrapolated."""
 
 COVERED: Final = f"""\
