@@ -13,7 +13,7 @@ from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import N_SEGMENTS
 from biodyn_core.effects import ChainEffect, JointForce, JointLimit, SegmentForce, StepBounds
-from biodyn_core.kernels.generated import ANYWHERE, Piece, Role, integrator
+from biodyn_core.kernels.generated import Piece, Role, integrator
 
 _NO_DRIVE: Final = np.empty((0, 0))
 _ROLES: Final[Mapping[type[ChainEffect], Role]] = {
@@ -76,14 +76,14 @@ def _piece(element: Element, channels: Sequence[str], step_s: float) -> Piece:
     drives = tuple(channels.index(name) for name in element.channels)
     # A memory for the longest delay serves every delay with the same source text.
     past = math.ceil(effect.longest_delay_s / step_s) + 3 if effect.longest_delay_s > 0.0 else 0
-    at = ANYWHERE if element.spread else element.index
-    constants = N_SEGMENTS + bool(past) + len(element.constants)
-    return Piece(_ROLES[type(effect)], effect.law, at, effect.states, constants, drives, past)
+    spread = bool(element.spread)
+    constants = (N_SEGMENTS if spread else 1) + bool(past) + len(element.constants)
+    return Piece(_ROLES[type(effect)], effect.law, effect.states, constants, drives, past, spread)
 
 
 def _constants(element: Element, piece: Piece, step_s: float) -> Floats:
     steps = (max(element.delay_s / step_s, 1.0),) if piece.past else ()
-    here = element.spread or np.arange(N_SEGMENTS) == element.index
+    here = element.spread or (float(element.index),)
     return np.array([*here, *steps, *element.constants, *[0.0] * piece.memory])
 
 

@@ -23,32 +23,34 @@ from biodyn_core.base.segments import N_SEGMENTS
 from biodyn_core.kernels import chain
 from biodyn_core.kernels.compiling import CACHE
 
-ANYWHERE: Final = -1
-"""The place of a piece whose constants alone determine it."""
-
 Role = Literal["force of a joint", "limit of a joint", "force on a segment"]
 
 
 class Piece(NamedTuple):
-    """The law of an effect at one joint or segment (0 to 5), and its inputs beyond the motion.
+    """The law of an effect at one joint or segment, and its inputs beyond the motion.
 
     drives are columns of the integrator's drive; states and constants are counts; past is the number of stored steps of
-    the joint's stretch, 0 without delay. The first six constants are the share of the force for each joint or segment:
-    one at its place and zero elsewhere. With a delay the next constant is its number of steps, at least 1.
+    the joint's stretch, 0 without delay. The first constant is the joint or segment, 0 to 5; of a force that is spread,
+    the first six are its shares for the segments. With a delay the next constant is its number of steps, at least 1.
     """
 
     role: Role
     function: Callable[..., Any]
-    at: int
     states: int
     constants: int
     drives: tuple[int, ...] = ()
     past: int = 0
+    spread: bool = False
 
     @property
     def all_states(self) -> int:
         """The number of states in q; each drive is one too, linear up to its next sample."""
         return len(self.drives) + self.states
+
+    @property
+    def places(self) -> int:
+        """The number of constants that tell where it acts."""
+        return N_SEGMENTS if self.spread else 1
 
     @property
     def memory(self) -> int:
@@ -59,11 +61,8 @@ class Piece(NamedTuple):
 def integrator(pieces: Sequence[Piece]) -> Callable[..., None]:
     """`integrate_chain` with these pieces; their states are consecutive in q, their constants with memory in p.
 
-    The place of a single piece is part of the source text: as numbers in p it would double the time of a step. With
-    several pieces the places are numbers, or a search would compile one source text for every pair of sites.
+    Where a piece acts is a number in p: one source text, which takes a second to compile, serves all sites.
     """
-    if len(pieces) > 1:
-        pieces = [piece._replace(at=ANYWHERE) for piece in pieces]
     return _integrator(tuple(pieces)) if pieces else chain.integrate_chain
 
 
@@ -75,7 +74,7 @@ def _integrator(pieces: tuple[Piece, ...]) -> Callable[..., None]:
 
 def _source(pieces: Sequence[Piece]) -> str:
     """The source of `chain.py` with the pieces at its marks; limits follow all forces."""
-    marks = {"functions": [_LOOK_BACK, *(_piece_source(piece.function, n) for n, piece in enumerate(pieces))]}
+    marks = {"functions": [_FUNCTIONS, *(_piece_source(piece.function, n) for n, piece in enumerate(pieces))]}
     state = place = 0
     limits: list[str] = []
     for number, piece in enumerate(pieces):
@@ -85,7 +84,7 @@ def _source(pieces: Sequence[Piece]) -> str:
         state, place = state + piece.all_states, place + piece.constants + piece.memory
     marks.setdefault("joints", []).extend(limits)
     # With a literal count the compiler unrolls the loops over states, which saves a tenth of a step.
-    marks["states"] = [f"states = {state}\n"]
+    marks.setdefault("states", []).append(f"states = {state}\n")
     text = re.sub(
         r"^( *)# effects: (\w+)\n",
         lambda found: textwrap.indent("".join(marks.get(found[2], [])), found[1]),
@@ -99,25 +98,26 @@ def _lines(number: int, piece: Piece, state: int, place: int) -> dict[str, str]:
     """The lines of a piece by mark; its states begin at q[state] and its constants at p[place]."""
     drives = [f"q[{state + i}]" for i in range(len(piece.drives))]
     states = [f"q[{state + len(drives) + i}]" for i in range(piece.states)]
-    constants = [f"p[{place + i}]" for i in range(N_SEGMENTS, piece.constants)]
+    constants = [f"p[{place + i}]" for i in range(piece.places, piece.constants)]
     slopes = [f"p[{place + piece.constants + i}]" for i in range(len(drives))]
     memory = place + piece.constants + len(drives)
+    at, here = f"at_{number} = int(p[{place}])\n", f"if j == at_{number}:\n    "
     if piece.role == "limit of a joint":
         limited = f"_piece_{number}({', '.join(['force', 'rate', *constants])})"
-        here = f"j == {piece.at}" if piece.at != ANYWHERE else f"p[{place} + j] > 0.0"
-        return {"joints": f"if {here}:\n    force = {limited}\n"}
-    mark, total, *moves = _MOVES[piece.role]
-    x, v = (_motion_at(move, piece.at, place) for move in moves)
+        return {"before": at, "joints": f"{here}force = {limited}\n"}
+    added, of = f"added_{number}", "_at_joint({}, at_{})" if piece.role == "force of a joint" else "{}[at_{}]"
+    mark, total = ("joints", "force") if piece.role == "force of a joint" else ("segments", "load")
+    x, v = ("0.0", "0.0") if piece.spread else (of.format(motion, number) for motion in "xv")
     delayed = [f"p[{memory}]"] if piece.past else []
-    arguments = ", ".join(
-        [f"x_{number}", f"v_{number}", "seat", *delayed, *drives, *states, *constants[bool(piece.past) :]]
-    )
-    results = ", ".join([f"added_{number}", *(f"d{name}" for name in states)])
+    arguments = ", ".join([x, v, "seat", *delayed, *drives, *states, *constants[bool(piece.past) :]])
+    results = ", ".join([added, *(f"d{name}" for name in states)])
     lines = {
-        "before": f"x_{number} = {x}\nv_{number} = {v}\n{results} = _piece_{number}({arguments})\n",
-        mark: _addition_at(piece.at, place, f"added_{number}", total),
+        "before": f"{results} = _piece_{number}({arguments})\n",
+        mark: f"{total} += p[{place} + j] * {added}\n" if piece.spread else f"{here}{total} += {added}\n",
         "samples": "",
     }
+    if not piece.spread:
+        lines["before"] = at + lines["before"]
     if drives:
         drive_lines = ""
         for slope, q, column in zip(slopes, drives, piece.drives, strict=True):
@@ -125,33 +125,20 @@ def _lines(number: int, piece: Piece, state: int, place: int) -> dict[str, str]:
             drive_lines += f"d{q} = {slope}\n"
         lines["before"] = drive_lines + lines["before"]
     if piece.past:
-        stretch = x
         for name, ahead in (("middle", 0.5), ("end", 1.0)):
             lines[name] = f"p[{memory}] = _look_back(p, {memory + 1}, {piece.past}, {constants[0]} - {ahead})\n"
-        lines["past"] = f"p[{memory + 1}] += 1.0\np[{memory + 2} + int(p[{memory + 1}]) % {piece.past}] = {stretch}\n"
+        lines["states"] = at
+        lines["past"] = f"p[{memory + 1}] += 1.0\np[{memory + 2} + int(p[{memory + 1}]) % {piece.past}] = {x}\n"
     return lines
 
 
-_MOVES: Final = {
-    "force of a joint": ("joints", "force", "x[{j}] - x[{i}]", "v[{j}] - v[{i}]"),
-    "force on a segment": ("segments", "load", "x[{j}]", "v[{j}]"),
-}
+_FUNCTIONS: Final = '''@inlined
+def _at_joint(x: Floats, at: int) -> float:
+    """The difference over a joint."""
+    return x[at] - x[at - 1] if at > 0 else x[0]
 
 
-def _motion_at(motion: str, at: int, place: int) -> str:
-    """The motion at the place of a piece, as text or by the shares from p[place] on."""
-    each = [motion[:1] + "[0]", *(motion.format(j=j, i=j - 1) for j in range(1, N_SEGMENTS))]
-    return each[at] if at != ANYWHERE else " + ".join(f"p[{place + j}] * ({one})" for j, one in enumerate(each))
-
-
-def _addition_at(at: int, place: int, added: str, total: str) -> str:
-    """The line that adds to a total at the place of a piece."""
-    if at != ANYWHERE:
-        return f"if j == {at}:\n    {total} += {added}\n"
-    return f"{total} += p[{place} + j] * {added}\n"
-
-
-_LOOK_BACK: Final = '''@compiled
+@compiled
 def _look_back(p: Floats, at: int, length: int, steps: float) -> float:
     """The ring behind p[at], so many steps before the last of p[at] in all; straight between steps, 0 before them."""
     wanted = p[at] - steps
