@@ -51,6 +51,7 @@ def dense(nuisance: NuisanceModel, a: LocalFit, b: LocalFit) -> float:
     return float(np.mean([ratio[counted & (event == e)].mean() for e in np.unique(event)]))
 
 
+@pytest.mark.slow
 def test_gains_are_those_of_dense_least_squares() -> None:
     nuisance = hiding.nuisance(hiding.louder)
     found = gains_beside(nuisance, [answered(nuisance, one.subject) for one in fits()])

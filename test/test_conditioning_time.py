@@ -425,6 +425,7 @@ STREAMS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", STREAMS)
 @pytest.mark.parametrize("rested", [False, True])
 def test_memory_is_bounded_over_a_million_unusable_samples(kind, rested):

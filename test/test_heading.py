@@ -187,6 +187,7 @@ def test_the_vertical_is_the_same_bit_for_bit_and_a_still_record_turns_nothing()
 # --- a foreign world -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "site", "rel", "left"), [(0, "neck", 0.2, 0.95), (1, "head", 0.1, 0.2)])
 def test_bending_of_the_independent_simulation_is_recovered_with_length_and_axis(
     number: int, site: str, rel: float, left: float

@@ -98,6 +98,7 @@ def test_records_repeat_with_the_seed_without_the_truth() -> None:
         assert len(one.earlier.reference) / one.earlier.rate_hz >= measured.STRETCH_S[0] - 0.01
 
 
+@pytest.mark.slow
 def test_most_faults_above_the_background_are_named() -> None:
     graded = study.run(24, 3)
     large = [one for one in graded if one.fault != "none" and one.ratio >= study.RATIOS[1]]

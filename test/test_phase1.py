@@ -111,6 +111,7 @@ def test_the_descent_only_goes_down() -> None:
     assert up.evaluations == 3 * 20 * 21 < down.evaluations
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [0, 2])
 def test_most_swarms_end_in_the_lowest_of_several_minima(number: int) -> None:
     """Spectra of a few windows of a second; not all 16 do, so a fit must not rest on one."""
@@ -120,6 +121,7 @@ def test_most_swarms_end_in_the_lowest_of_several_minima(number: int) -> None:
     assert found.costs[-1] > 1.2 * found.costs[0]
 
 
+@pytest.mark.slow
 def test_another_global_optimiser_finds_nothing_better() -> None:
     surrogate = Surrogate(fitting.true_cases("cascade")[:1], "cascade")
     ours = search(surrogate, 1)

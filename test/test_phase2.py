@@ -95,6 +95,7 @@ def test_both_refiners_find_the_same_optimum() -> None:
     assert least == pytest.approx(problem.cost(by_squares), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", ["lower", "upper"])
 def test_starts_on_the_bounds_are_left(side: str) -> None:
     """The start that ended 194 of 200 fits of an older SciPy where they began."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from recordings import tram
@@ -111,6 +111,7 @@ def test_a_shock_below_the_least_peak_is_no_event() -> None:
     ]
 
 
+@settings(max_examples=30)
 @given(st.lists(st.integers(1, 30_000), min_size=1, max_size=6))
 def test_cuts_change_no_number(cuts: list[int]) -> None:
     up = with_shocks(shaken(40.0, 0.8), [20.0, 30.0])

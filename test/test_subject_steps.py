@@ -21,6 +21,7 @@ from biodyn_core.body.parameters import UNFITTED
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.settings import FitSettings
+from biodyn_core.tracing.settings import TraceSettings
 from biodyn_ros.base.progress import silent
 from biodyn_ros.base.resources import subject_file
 from biodyn_ros.commands.cli import main
@@ -37,12 +38,17 @@ from biodyn_ros.subject.steps import StepLog, key_of
 from biodyn_ros.subject.text import document_of
 from biodyn_ros.subject.text import text_of as subject_text
 from biodyn_ros.subject.uses import used_events
+from biodyn_ros.trace.tracing import TraceOptions
 from biodyn_ros.work.executors import executor_of
 
 SUBJECT = load_subject(subject_file("subject_1"))
 UNKNOWN = dataclasses.replace(SUBJECT, name="anna", parameters=UNFITTED)
-QUICK = FitSettings(swarm=SwarmSettings(particles=20, iterations=30, starts=1), refined_starts=1, evaluations=100)
-OPTIONS = SubjectOptions(fit=FitOptions(settings=QUICK), report=False)
+QUICK = FitSettings(swarm=SwarmSettings(particles=10, iterations=10, starts=1), refined_starts=1, evaluations=20)
+# The session is too short for a verdict, so the refit is all that a trace computes.
+REFIT = dataclasses.replace(QUICK, phase1="pooled", clocks="trusted")
+OPTIONS = SubjectOptions(
+    fit=FitOptions(settings=QUICK), trace=TraceOptions(settings=TraceSettings(base=REFIT)), report=False
+)
 
 
 @pytest.fixture(scope="module")

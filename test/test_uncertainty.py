@@ -60,6 +60,7 @@ def call_of(found: Uncertainty, name: str) -> str:
     return next(estimate.identifiability for estimate in found.estimates if estimate.name == name)
 
 
+@pytest.mark.slow
 def test_intervals_have_their_stated_coverage() -> None:
     """24 records whose noise is coloured and reaches every segment from the seat's sensor as well as from its own."""
     subject, rng = fitting.drawn(21, "segment"), np.random.default_rng(5)

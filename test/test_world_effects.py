@@ -214,6 +214,7 @@ def sent(effects: tuple[Effect, ...], up: np.ndarray, site: int) -> wearing.Stre
     return wearing.stream(max(site, 1), imu, shaken(), up, effects, NOTHING, np.random.default_rng(0))
 
 
+@pytest.mark.slow
 def test_a_four_times_finer_step_changes_little_even_at_kinks(no_rest: None, monkeypatch: pytest.MonkeyPatch) -> None:
     kinds = ("stop", "friction", "hysteresis", "lift_off", "harness", "quadratic_damping", "reflex", "thixotropy")
     chosen = [made(form) for form in of_kind(*kinds, among=EVERY)]
@@ -1124,6 +1125,7 @@ def test_effects_are_scaled_to_the_requested_ratio(monkeypatch: pytest.MonkeyPat
     assert found.effects[0].strength > 0.2 and found.truth()["ratio"] == found.ratio
 
 
+@pytest.mark.slow
 def test_the_background_has_the_residual_of_the_paper(tmp_path: Path) -> None:
     plan = sitting.Plan(counts=(0, 1, 1), seconds=(3.0, 3.0, 3.0), uses=("fit",), recorded=False)
     (one,) = sitting.drawn(1, 8, effects=0, plan=plan)

@@ -11,6 +11,7 @@ from world.effects.sitting import Plan, drawn
 PLAN = Plan(uses=("fit",), counts=(1, 0, 0), seconds=(1.2, 1.2, 1.2))
 
 
+@pytest.mark.slow
 def test_effects_that_destabilise_a_body_are_drawn_weaker() -> None:
     rng = np.random.default_rng(3)
     wild = [draw.effect("development", rng, (kind,)).scaled(1e7) for kind in ("reflex", "asymmetry")]

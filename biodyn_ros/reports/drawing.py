@@ -78,9 +78,11 @@ def _fix_layout(figure: Any) -> None:
 def _markup(figure: Any) -> Any:
     """A figure as SVG for HTML: without prolog, metadata and repeated ids, with short numbers."""
     from markupsafe import Markup
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     file = io.StringIO()
-    figure.savefig(file, format="svg", metadata={"Date": None})
+    # `savefig` would draw all twice, the first time for the layout, which is done.
+    FigureCanvasSVG(figure).print_svg(file, metadata={"Date": None})
     text = file.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
