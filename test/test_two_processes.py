@@ -76,7 +76,8 @@ def test_live_in_another_process_equals_replay_of_the_same_bag() -> None:
         got = {topic: graph.collect(tester, AccelStamped, topics.absolute(topic), raw=True) for topic in expected}
         diagnostics = graph.collect(tester, DiagnosticArray, topics.DIAGNOSTICS)
         vdv = graph.collect(tester, Float64, "/biodyn/exposure/seat/vdv")
-        overrides = reliable(topics.INPUT.values(), expected)
+        outputs = (*expected, *blocks)
+        overrides = reliable(topics.INPUT.values(), outputs)
         with child(graph, "live", "--ros-args", "-p", "publish_measured:=true", *overrides) as live:
             graph.wait(lambda: tester.count_subscribers(topics.INPUT[SEAT]) == 1, "the node listens", STARTUP_S)
             # On a busy machine outputs are found one after the other, and what is sent before is lost.
