@@ -104,10 +104,10 @@ def svg_text(svg: str) -> str:
 @contextmanager
 def empty_drawings() -> Iterator[None]:
     """Draw figures but return empty drawings: layout and SVG take almost all the time of a page."""
-    from matplotlib.figure import Figure
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ConstrainedLayoutEngine, "execute", lambda engine, figure: None)
-        patch.setattr(Figure, "savefig", lambda figure, file, **options: file.write("<svg></svg>"))
+        patch.setattr(FigureCanvasSVG, "print_svg", lambda canvas, file, **options: file.write("<svg></svg>"))
         yield

@@ -81,6 +81,7 @@ def backrest() -> tuple[Record, Record]:
     return found[0], found[1]
 
 
+@pytest.mark.slow
 def test_refits_give_ratio_oracle_placebo_and_generic(
     backrest: tuple[Record, Record], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -539,6 +540,7 @@ def answered_but_one(drawing: Drawing, numbers: list[int]) -> list[int]:
     return numbers
 
 
+@pytest.mark.slow
 def test_a_failing_record_is_raised_after_the_others() -> None:
     came: list[int] = []
 

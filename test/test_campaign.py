@@ -31,10 +31,10 @@ from biodyn_ros.simulate import motion_of_cases, simulate_bag
 from biodyn_ros.work.executors import executor_of
 
 QUICK = FitOptions(
-    settings=FitSettings(swarm=SwarmSettings(particles=20, iterations=20, starts=2), evaluations=100, refined_starts=1)
+    settings=FitSettings(swarm=SwarmSettings(particles=10, iterations=10, starts=2), evaluations=40, refined_starts=1)
 )
 QUICKLY = [
-    "--particles", "20", "--iterations", "20", "--starts", "2", "--evaluations", "100", "--refined-starts", "1",
+    "--particles", "10", "--iterations", "10", "--starts", "2", "--evaluations", "40", "--refined-starts", "1",
     "--no-report",
 ]  # fmt: skip
 PEOPLE = ("anna", "ben", "carl")

@@ -66,7 +66,6 @@ def held_out_events(found: Trace) -> list:
     ("change", "law", "name", "site", "truth"),
     [
         (hiding.louder, hiding.plain, "gain", "neck", {"gain": 0.1}),
-        (hiding.on_skin, hiding.plain, "skin", "head", {"softness_s": 1.0 / (2.0 * np.pi * 30.0)}),
         (hiding.nothing, hiding.orifice, "quadratic_damping", "pelvis", {"growth_s_per_m": 4.0}),
     ],
 )

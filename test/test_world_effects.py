@@ -1116,6 +1116,7 @@ def test_bags_have_six_topics_without_the_truth(tmp_path: Path) -> None:
     assert values[3] == 1.0 and values[4] == -1.0
 
 
+@pytest.mark.slow
 def test_effects_are_scaled_to_the_requested_ratio(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sitting, "GLANCE_S", 1.5)
     one, other = sittings()
