@@ -31,7 +31,7 @@ GUIDE = ROOT / "docs" / "guide.md"
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", GUIDE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
 LONGEST_S = 280.0
 SMALL = {
-    "fit": ["--particles", "12", "--iterations", "15", "--starts", "1", "--refined-starts", "1", "--evaluations", "60"]
+    "fit": ["--particles", "12", "--iterations", "15", "--starts", "1", "--refined-starts", "1", "--evaluations", "20"]
 }
 """Options that make a command's search small; everything else is as the page has it, the executor where it is given."""
 

@@ -296,6 +296,7 @@ def ridden(subject: Subject) -> Pipeline:
     return pipeline
 
 
+@pytest.mark.slow
 def test_predictions_of_a_new_subject_carry_the_spread_of_the_population() -> None:
     """People who are drawn and predicted one by one on roads and shocks, beside the intervals of the mean."""
     pipeline = ridden(new_subject("me", 75.0, 1.75))

@@ -38,7 +38,10 @@ from biodyn_core.population.population import new_subject, population
 from biodyn_ros.commands.cli import main
 
 QUICK = FitSettings(swarm=SwarmSettings(particles=30, iterations=60, starts=2), refined_starts=2, evaluations=600)
-SMALL = ["--particles", "30", "--iterations", "60", "--starts", "2", "--refined-starts", "2", "--no-report"]
+SMALL = [
+    "--particles", "12", "--iterations", "10", "--starts", "1", "--refined-starts", "1", "--evaluations", "60",
+    "--no-report",
+]  # fmt: skip
 GIVEN = Subject("anna", 70.0, 1.75, "segment", UNFITTED)
 PRIOR = population().without_softening
 HEAD_ALONE = np.array([name == "head" for name in MEASURED_SEGMENTS])

@@ -131,6 +131,7 @@ def test_held_out_events_do_not_influence_the_result_and_a_seed_repeats_it() -> 
         assert ours.after.mean_percent > 1.5 * theirs.after.mean_percent
 
 
+@pytest.mark.slow
 def test_a_trace_uses_the_given_settings_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """No part falls back on defaults of its own."""
 

@@ -242,7 +242,6 @@ def recovered() -> PersonResult:
     return compare(person, Answer(ours, estimates, ours), truth)
 
 
-@pytest.mark.slow
 def test_a_drawn_subject_is_recovered(recovered: PersonResult) -> None:
     assert recovered.ratio.max() < 1.3
     assert recovered.is_identifiable and largest_frequency_error(recovered.ours) < 0.03
