@@ -11,7 +11,6 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
-from biodyn_core.base.segments import N_SEGMENTS
 from biodyn_core.effects import ChainEffect, JointForce, JointLimit, SegmentForce, StepBounds
 from biodyn_core.kernels.generated import Piece, Role, integrator
 
@@ -76,9 +75,8 @@ def _piece(element: Element, channels: Sequence[str], step_s: float) -> Piece:
     drives = tuple(channels.index(name) for name in element.channels)
     # A memory for the longest delay serves every delay with the same source text.
     past = math.ceil(effect.longest_delay_s / step_s) + 3 if effect.longest_delay_s > 0.0 else 0
-    spread = bool(element.spread)
-    constants = (N_SEGMENTS if spread else 1) + bool(past) + len(element.constants)
-    return Piece(_ROLES[type(effect)], effect.law, effect.states, constants, drives, past, spread)
+    role, constants = _ROLES[type(effect)], len(element.constants)
+    return Piece(role, effect.law, effect.states, constants, drives, past, bool(element.spread))
 
 
 def _constants(element: Element, piece: Piece, step_s: float) -> Floats:

@@ -29,9 +29,10 @@ Role = Literal["force of a joint", "limit of a joint", "force on a segment"]
 class Piece(NamedTuple):
     """The law of an effect at one joint or segment, and its inputs beyond the motion.
 
-    drives are columns of the integrator's drive; states and constants are counts; past is the number of stored steps of
-    the joint's stretch, 0 without delay. The first constant is the joint or segment, 0 to 5; of a force that is spread,
-    the first six are its shares for the segments. With a delay the next constant is its number of steps, at least 1.
+    drives are columns of the integrator's drive; states and constants of the law are counts; past is the number of
+    stored steps of the joint's stretch, 0 without delay. In p, the joint or segment (0 to 5) comes before the constants
+    of the law; of a force that is spread, its shares for the six segments, and the motion it gets is zero. A delay is
+    between them: its number of steps, at least 1.
     """
 
     role: Role
@@ -48,9 +49,9 @@ class Piece(NamedTuple):
         return len(self.drives) + self.states
 
     @property
-    def places(self) -> int:
-        """The number of constants that tell where it acts."""
-        return N_SEGMENTS if self.spread else 1
+    def leading(self) -> int:
+        """Places in p before the constants of the law: where it acts, and the delay."""
+        return (N_SEGMENTS if self.spread else 1) + bool(self.past)
 
     @property
     def memory(self) -> int:
@@ -81,7 +82,7 @@ def _source(pieces: Sequence[Piece]) -> str:
         for mark, lines in _lines(number, piece, state, place).items():
             last = mark == "joints" and piece.role == "limit of a joint"
             (limits if last else marks.setdefault(mark, [])).append(lines)
-        state, place = state + piece.all_states, place + piece.constants + piece.memory
+        state, place = state + piece.all_states, place + piece.leading + piece.constants + piece.memory
     marks.setdefault("joints", []).extend(limits)
     # With a literal count the compiler unrolls the loops over states, which saves a tenth of a step.
     marks.setdefault("states", []).append(f"states = {state}\n")
@@ -95,21 +96,22 @@ def _source(pieces: Sequence[Piece]) -> str:
 
 
 def _lines(number: int, piece: Piece, state: int, place: int) -> dict[str, str]:
-    """The lines of a piece by mark; its states begin at q[state] and its constants at p[place]."""
+    """The lines of a piece by mark; its states begin at q[state], and what it has in p at p[place]."""
     drives = [f"q[{state + i}]" for i in range(len(piece.drives))]
     states = [f"q[{state + len(drives) + i}]" for i in range(piece.states)]
-    constants = [f"p[{place + i}]" for i in range(piece.places, piece.constants)]
-    slopes = [f"p[{place + piece.constants + i}]" for i in range(len(drives))]
-    memory = place + piece.constants + len(drives)
+    first = place + piece.leading
+    constants = [f"p[{first + i}]" for i in range(piece.constants)]
+    slopes = [f"p[{first + piece.constants + i}]" for i in range(len(drives))]
+    memory = first + piece.constants + len(drives)
     at, here = f"at_{number} = int(p[{place}])\n", f"if j == at_{number}:\n    "
     if piece.role == "limit of a joint":
         limited = f"_piece_{number}({', '.join(['force', 'rate', *constants])})"
         return {"before": at, "joints": f"{here}force = {limited}\n"}
-    added, of = f"added_{number}", "_at_joint({}, at_{})" if piece.role == "force of a joint" else "{}[at_{}]"
-    mark, total = ("joints", "force") if piece.role == "force of a joint" else ("segments", "load")
-    x, v = ("0.0", "0.0") if piece.spread else (of.format(motion, number) for motion in "xv")
+    mark, total, motion = _TOTALS[piece.role]
+    x, v = ("0.0", "0.0") if piece.spread else (motion.format(name, number) for name in "xv")
     delayed = [f"p[{memory}]"] if piece.past else []
-    arguments = ", ".join([x, v, "seat", *delayed, *drives, *states, *constants[bool(piece.past) :]])
+    arguments = ", ".join([x, v, "seat", *delayed, *drives, *states, *constants])
+    added = f"added_{number}"
     results = ", ".join([added, *(f"d{name}" for name in states)])
     lines = {
         "before": f"{results} = _piece_{number}({arguments})\n",
@@ -126,15 +128,21 @@ def _lines(number: int, piece: Piece, state: int, place: int) -> dict[str, str]:
         lines["before"] = drive_lines + lines["before"]
     if piece.past:
         for name, ahead in (("middle", 0.5), ("end", 1.0)):
-            lines[name] = f"p[{memory}] = _look_back(p, {memory + 1}, {piece.past}, {constants[0]} - {ahead})\n"
+            lines[name] = f"p[{memory}] = _look_back(p, {memory + 1}, {piece.past}, p[{first - 1}] - {ahead})\n"
         lines["states"] = at
         lines["past"] = f"p[{memory + 1}] += 1.0\np[{memory + 2} + int(p[{memory + 1}]) % {piece.past}] = {x}\n"
     return lines
 
 
+_TOTALS: Final = {
+    "force of a joint": ("joints", "force", "_at_joint({}, at_{})"),
+    "force on a segment": ("segments", "load", "{}[at_{}]"),
+}
+"""The mark in the integrator, the sum there, and the motion that a law gets."""
+
 _FUNCTIONS: Final = '''@inlined
 def _at_joint(x: Floats, at: int) -> float:
-    """The difference over a joint."""
+    """The motion of the upper segment of a joint relative to the lower one, the seat below the first."""
     return x[at] - x[at - 1] if at > 0 else x[0]
 
 

@@ -52,11 +52,12 @@ def over_time(event: ComparedEvent) -> Any:
 
 def over_frequency(events: Sequence[ComparedEvent]) -> Any | None:
     """Power of the measurement and of both residuals per segment, over all events of one rate; None if too short."""
+    from matplotlib.ticker import NullLocator
+
     spectra = residual_spectra(events)
     if spectra is None:
         return None
     frequency_hz, power = spectra
-    from matplotlib.ticker import NullLocator
 
     def fill(figure: Any) -> None:
         grid = figure.add_gridspec(1, len(MEASURED_SEGMENTS))
