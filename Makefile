@@ -43,7 +43,7 @@ unexport PIP_USER PIP_TARGET PIP_PREFIX
 demo: $(INSTALLED)
 	@exec $(IN_ENVIRONMENT) biodyn demo
 
-# glibc keeps freed memory: without this a twelfth of all time goes into pages that it returns and gets again.
+# glibc keeps freed memory: to return it and get it again took nearly half of the time in the system.
 test: lint
 	@MALLOC_MMAP_THRESHOLD_=1073741824 MALLOC_TRIM_THRESHOLD_=1073741824 MALLOC_TOP_PAD_=67108864 \
 	    exec $(IN_ENVIRONMENT) python -m pytest --numprocesses=$(WORKERS) --dist=loadfile $(ARGS)
