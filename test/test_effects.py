@@ -18,6 +18,7 @@ from scipy import signal
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEGMENTS
+from biodyn_core.body.effect_assembly import EffectAssembly
 from biodyn_core.body.model import Chain, Stepper, predict
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.body.synthesis import SensorSettings, imu_streams, load_case
@@ -109,6 +110,20 @@ def test_the_chain_follows_the_equation_of_motion(name: str, values: dict[str, f
     # A jump that a step of RK4 straddles costs three orders; the equation itself is right or wrong by far more.
     jumps = name == "posture" and not effect.values["width_s"]
     assert rms(ours - truth) < (0.08 if jumps else 0.01) * size + 1e-4
+
+
+@pytest.mark.parametrize(
+    ("name", "site"), [("friction", "head"), ("reflex", "neck"), ("thixotropy", "lower_torso"), ("cross_axis", "neck")]
+)
+def test_at_another_site_it_is_the_same_law_of_the_same_integrator(name: str, site: str) -> None:
+    effect, first = applied(name, site, **STRONG.get(name, {})), applied(name, "pelvis")
+    seat = shock(0.3)
+    truth = twin(effect, seat)
+    size = rms(truth - Chain.of(SUBJECT).simulate(seat, RATE_HZ).accel_mps2)
+    assert size > 0.001
+    assert rms(answer(Chain.of(with_effects(effect)), seat) - truth) < 0.01 * size + 1e-4
+    integrators = {EffectAssembly(Chain.of(with_effects(one)).elements, 0.001).integrate for one in (effect, first)}
+    assert len(integrators) == 1
 
 
 JOINT = Joint(6e4, 9e5, 700.0, 55.0, 7.0)
@@ -604,7 +619,7 @@ def test_a_tampered_file_is_not_run(tmp_path, monkeypatch) -> None:
 
 @pytest.mark.parametrize("name", ["cubic", "friction", "reflex", "lift_off", "viscera", "bending"])  # one of each kind
 def test_a_second_effect_does_not_move_the_first(name: str) -> None:
-    """Among several, sites are numbers instead of text; idle ones before and after it change nothing."""
+    """Idle ones before and after it change nothing."""
     effect, seat = applied(name, **STRONG.get(name, {})), shock()
     before, after = (applied("cubic", site, cubic_per_m2=1e-12) for site in ("upper_torso", "neck"))
     alone = answer(Chain.of(with_effects(effect)), seat)

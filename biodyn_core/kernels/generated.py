@@ -31,8 +31,8 @@ class Piece(NamedTuple):
 
     drives are columns of the integrator's drive; states and constants of the law are counts; past is the number of
     stored steps of the joint's stretch, 0 without delay. In p, the joint or segment (0 to 5) comes before the constants
-    of the law; of a force that is spread, its shares for the six segments, and the motion it gets is zero. A delay is
-    between them: its number of steps, at least 1.
+    of the law; of a force that is spread, its shares for the six segments, by which the motion is averaged too. A delay
+    is between them: its number of steps, at least 1.
     """
 
     role: Role
@@ -108,7 +108,9 @@ def _lines(number: int, piece: Piece, state: int, place: int) -> dict[str, str]:
         limited = f"_piece_{number}({', '.join(['force', 'rate', *constants])})"
         return {"before": at, "joints": f"{here}force = {limited}\n"}
     mark, total, motion = _TOTALS[piece.role]
-    x, v = ("0.0", "0.0") if piece.spread else (motion.format(name, number) for name in "xv")
+    shares = range(place, place + N_SEGMENTS)
+    averaged = [" + ".join(f"p[{share}] * {name}[{j}]" for j, share in enumerate(shares)) for name in "xv"]
+    x, v = averaged if piece.spread else (motion.format(name, number) for name in "xv")
     delayed = [f"p[{memory}]"] if piece.past else []
     arguments = ", ".join([x, v, "seat", *delayed, *drives, *states, *constants])
     added = f"added_{number}"
