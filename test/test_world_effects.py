@@ -1144,6 +1144,8 @@ def test_rates_and_forces_of_a_leaning_sensor_agree() -> None:
     angle = np.column_stack([0.8 * np.sin(3.0 * t) ** 2, -0.6 * np.sin(2.0 * t) ** 2])
     leaning = Event("road", "synthetic", 0.0, np.zeros((t.size, 3)), angle, 1.0)
     force, spin = wearing.sensed(0, leaning, np.zeros(t[::2].size), (), NOTHING)
+    ground = Rotation.from_euler("XY", angle[::2]).apply(force)
+    np.testing.assert_allclose(ground, np.broadcast_to([0.0, 0.0, GRAVITY_MPS2], ground.shape), atol=1e-12)
     turned = Rotation.identity()
     for rate, measured in zip(0.5 * (spin[1:] + spin[:-1]), force[1:], strict=True):
         turned = turned * Rotation.from_rotvec(rate / HELD_HZ)

@@ -44,18 +44,20 @@ def traced(one: Sitting, cause: Cause | None) -> TracedBody | None:
         found = searched(hidden, s)
         if found is None:
             return None
+        diagnostics = found.diagnostics(s)
         if not one.effects:
-            return TracedBody(None, evidence_of_search(found, s))
+            return TracedBody(None, found.evidence(s, diagnostics))
         without = record(one, with_effects=False)
         true = dataclasses.replace(hidden.subject, parameters=Parameters.from_vector(one.theta))
         plain = jointly_refitted(true, without.train)
     except InputError:
         return None
     bent = None if cause is None else with_true_law(found, cause, plain, without.cases)
+    # Both have the same residual, so the same diagnostics.
     return TracedBody(
         ratio(found.nuisance.subject, hidden.cases, plain, without.cases),
-        evidence_of_search(found, s),
-        None if bent is None else evidence_of_search(bent, s),
+        found.evidence(s, diagnostics),
+        None if bent is None else bent.evidence(s, diagnostics),
     )
 
 
@@ -66,8 +68,3 @@ def searched(one: Record, settings: TraceSettings) -> Search | None:
         return None
     before = refitted(train, one.subject, settings, SEED, None, serial_map)
     return search(before, train, choose, settings, SEED, lambda stage, share: None)
-
-
-def evidence_of_search(found: Search, settings: TraceSettings) -> Evidence:
-    """The evidence of a search."""
-    return found.evidence(settings, found.diagnostics(settings))
