@@ -78,16 +78,16 @@ def record(law: hiding.Law) -> Record:
 
 def test_the_ceiling_is_the_decision_with_the_true_law(monkeypatch: pytest.MonkeyPatch) -> None:
     """The search is given, so that the answer is that of the true law alone."""
-    monkeypatch.setattr(ceiling_module, "refitted", lambda *_: hiding.fitted(law=hiding.one_sided))
     monkeypatch.setattr(ceiling_module, "search", lambda *_: search())
     cause, records = Cause("asymmetry", "pelvis", ""), [record(hiding.one_sided), record(hiding.plain)]
-    found = ceiling_module.ceiling(records[0], cause, records[1], hiding.fitted())
+    before, without_effect = hiding.fitted(law=hiding.one_sided), hiding.fitted()
+    found = ceiling_module.ceiling(records[0], before, cause, records[1], without_effect)
     without = probabilities(search().evidence(TraceSettings(), search().diagnostics(TraceSettings())))
     assert found is not None
     assert found.of(("asymmetry", "pelvis")) > without.of(("asymmetry", "pelvis"))
     assert next(iter(found.of_answers)) == "nonlinear_stiffness"
     gone = dataclasses.replace(cause, name="skin")
-    assert ceiling_module.ceiling(records[0], gone, records[1], hiding.fitted()) is None
+    assert ceiling_module.ceiling(records[0], before, gone, records[1], without_effect) is None
 
 
 def test_a_body_has_its_ratio_and_the_evidence_with_and_without_the_true_law(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-from biodyn_core.base.parallel import serial_map
 from biodyn_core.body.subject import Subject
 from biodyn_core.tracing import data_checks
 from biodyn_core.tracing.probability import Probabilities, probabilities
 from biodyn_core.tracing.rounds import search
 from biodyn_core.tracing.settings import TraceSettings
-from biodyn_core.tracing.trace import refitted
 from blind.tracing.answer import TRACE_SEED
 from blind.tracing.outcome import Cause
 from blind.tracing.records import Record
 from blind.tracing.true_law import with_true_law
 
 
-def ceiling(hidden: Record, cause: Cause, plain: Record, fitted: Subject) -> Probabilities | None:
+def ceiling(hidden: Record, before: Subject, cause: Cause, plain: Record, without: Subject) -> Probabilities | None:
     """The probabilities of the first round with the true law; None if the cause is no candidate.
 
-    plain: the record without the effect, and fitted: the subject refitted to it. Raises InputError if the record cannot
-    be fitted.
+    before: the subject of the answer before its first round. plain: the record without the effect; without: the subject
+    refitted to it. Raises InputError if the record cannot be fitted.
     """
     s = TraceSettings()
     train, held_out, _ = data_checks.usable(hidden.train, hidden.held_out, s.floor)
     choose, _ = data_checks.split_held_out(held_out)
-    before = refitted(train, hidden.subject, s, TRACE_SEED, None, serial_map)
     found = search(before, train, choose, s, TRACE_SEED, lambda stage, share: None)
-    bent = with_true_law(found, cause, fitted, plain.cases)
+    bent = with_true_law(found, cause, without, plain.cases)
     return None if bent is None else probabilities(bent.evidence(s, bent.diagnostics(s)))

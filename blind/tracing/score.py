@@ -63,7 +63,8 @@ def _refitted(found: Score, drawing: Drawing, answer: Answer, one: Sitting) -> S
     shown = np.inf if one.level == 0.0 else found.ratio or 0.0
     if drawing.needs != "all" or shown <= WEAK or found.causes[0].name not in CATALOGUE:
         return found
-    found = _with_ceiling(found, ceiling(hidden, found.causes[0], plain, fits[1].subject))
+    if subjects:
+        found = _with_ceiling(found, ceiling(hidden, subjects[0], found.causes[0], plain, fits[1].subject))
     return _beside(found, answer, unseen(answer, hidden), fits[0]) if shown > STRONG else found
 
 
