@@ -1,6 +1,6 @@
 """Sixteen chains integrated together, and their cost against a measurement (Zaman et al., Eq. 2-4, 17, 18, 33).
 
-Each lane is one chain. With the lanes innermost and the state in one flat array the compiler vectorises over chains.
+Each lane is one chain. All is in one flat array with the lanes innermost, so that the compiler vectorises over chains.
 """
 
 from __future__ import annotations
@@ -13,104 +13,63 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.kernels.compiling import compiled, inlined
 
 LANES: Final = 16
-
-# Rows of the work array, `LANES` values each.
-_K: Final = 0
-_B: Final = 6 * LANES
-_K_ALPHA: Final = 12 * LANES
-_INVERSE_MASS: Final = 18 * LANES
-_ALPHA_R: Final = 24 * LANES
-_X: Final = 25 * LANES
-_V: Final = 31 * LANES
-_A: Final = 37 * LANES
-_TOTAL: Final = 43 * LANES
-_SIZE: Final = 44 * LANES
 CONSTANT_ROWS: Final = 25
 
-_Six = tuple[float, float, float, float, float, float]
+# Where the parts of the work array begin, six rows of `LANES` values each. The row before x or v is that of the seat,
+# the row after the forces that above the head; both are 0.
+_SIX: Final = 6 * LANES
+_K: Final = 0
+_B: Final = _K + _SIX
+_K_ALPHA: Final = _B + _SIX
+_INVERSE_MASS: Final = _K_ALPHA + _SIX
+_ALPHA_R: Final = _INVERSE_MASS + _SIX
+_FORCE: Final = _ALPHA_R + _SIX
+_X: Final = _FORCE + _SIX + 2 * LANES
+_X_TRY: Final = _X + _SIX + LANES
+_V: Final = _X_TRY + _SIX + LANES
+_V2: Final = _V + _SIX + LANES
+_V3: Final = _V2 + _SIX + LANES
+_V4: Final = _V3 + _SIX + LANES
+_A: Final = _V4 + _SIX
+_A2: Final = _A + _SIX
+_A3: Final = _A2 + _SIX
+_A4: Final = _A3 + _SIX
+_TOTAL: Final = _A4 + _SIX
+_SIZE: Final = _TOTAL + LANES
 
 
 @inlined
-def _joint_force(w: Floats, joint: int, lane: int, delta: float, rate: float) -> float:
-    """Force of one joint, Eq. 17."""
-    at = joint * LANES + lane
-    return delta * (w[_K + at] + w[_K_ALPHA + at] * abs(delta)) + w[_B + at] * rate
-
-
-@inlined
-def _accelerations(
-    w: Floats, lane: int,
-    x0: float, x1: float, x2: float, x3: float, x4: float, x5: float,
-    v0: float, v1: float, v2: float, v3: float, v4: float, v5: float, seat: float,
-) -> _Six:  # fmt: skip
-    """Relative accelerations x'' of one lane, Eq. 4."""
-    f0 = _joint_force(w, 0, lane, x0, v0)
-    f1 = _joint_force(w, 1, lane, x1 - x0, v1 - v0)
-    f2 = _joint_force(w, 2, lane, x2 - x1, v2 - v1)
-    f3 = _joint_force(w, 3, lane, x3 - x2, v3 - v2)
-    f4 = _joint_force(w, 4, lane, x4 - x3, v4 - v3)
-    f5 = _joint_force(w, 5, lane, x5 - x4, v5 - v4)
-    im, alpha_r = _INVERSE_MASS + lane, w[_ALPHA_R + lane]
-    return (
-        (f1 - f0) * w[im] - alpha_r * v0 - seat,
-        (f2 - f1) * w[im + LANES] - alpha_r * v1 - seat,
-        (f3 - f2) * w[im + 2 * LANES] - alpha_r * v2 - seat,
-        (f4 - f3) * w[im + 3 * LANES] - alpha_r * v3 - seat,
-        (f5 - f4) * w[im + 4 * LANES] - alpha_r * v4 - seat,
-        -f5 * w[im + 5 * LANES] - alpha_r * v5 - seat,
-    )
+def _accelerations(w: Floats, x: int, v: int, seat: float, out: int) -> None:
+    """Relative accelerations x'' of all lanes, Eq. 4, from displacements and velocities that begin at x and v."""
+    for i in range(_SIX):
+        delta = w[x + i] - w[x + i - LANES]
+        rate = w[v + i] - w[v + i - LANES]
+        w[_FORCE + i] = delta * (w[_K + i] + w[_K_ALPHA + i] * abs(delta)) + w[_B + i] * rate  # Eq. 17
+    for i in range(_SIX):
+        load = w[_FORCE + i + LANES] - w[_FORCE + i]
+        w[out + i] = load * w[_INVERSE_MASS + i] - w[_ALPHA_R + i] * w[v + i] - seat
 
 
 @compiled
 def _step(w: Floats, middle: float, end: float, h: float) -> None:
     """One classical Runge-Kutta step of all lanes; the last slope of a step is the first of the next one."""
     half, sixth = 0.5 * h, h / 6.0
-    for lane in range(LANES):
-        i, j, m = _X + lane, _V + lane, _A + lane
-        x0, x1, x2 = w[i], w[i + LANES], w[i + 2 * LANES]
-        x3, x4, x5 = w[i + 3 * LANES], w[i + 4 * LANES], w[i + 5 * LANES]
-        v0, v1, v2 = w[j], w[j + LANES], w[j + 2 * LANES]
-        v3, v4, v5 = w[j + 3 * LANES], w[j + 4 * LANES], w[j + 5 * LANES]
-        a0, a1, a2 = w[m], w[m + LANES], w[m + 2 * LANES]
-        a3, a4, a5 = w[m + 3 * LANES], w[m + 4 * LANES], w[m + 5 * LANES]
-        p0, p1, p2, p3, p4, p5 = (
-            v0 + half * a0, v1 + half * a1, v2 + half * a2, v3 + half * a3, v4 + half * a4, v5 + half * a5,
-        )  # fmt: skip
-        b0, b1, b2, b3, b4, b5 = _accelerations(
-            w, lane, x0 + half * v0, x1 + half * v1, x2 + half * v2, x3 + half * v3, x4 + half * v4, x5 + half * v5,
-            p0, p1, p2, p3, p4, p5, middle,
-        )  # fmt: skip
-        q0, q1, q2, q3, q4, q5 = (
-            v0 + half * b0, v1 + half * b1, v2 + half * b2, v3 + half * b3, v4 + half * b4, v5 + half * b5,
-        )  # fmt: skip
-        c0, c1, c2, c3, c4, c5 = _accelerations(
-            w, lane, x0 + half * p0, x1 + half * p1, x2 + half * p2, x3 + half * p3, x4 + half * p4, x5 + half * p5,
-            q0, q1, q2, q3, q4, q5, middle,
-        )  # fmt: skip
-        r0, r1, r2, r3, r4, r5 = v0 + h * c0, v1 + h * c1, v2 + h * c2, v3 + h * c3, v4 + h * c4, v5 + h * c5
-        d0, d1, d2, d3, d4, d5 = _accelerations(
-            w, lane, x0 + h * q0, x1 + h * q1, x2 + h * q2, x3 + h * q3, x4 + h * q4, x5 + h * q5,
-            r0, r1, r2, r3, r4, r5, end,
-        )  # fmt: skip
-        x0 += sixth * (v0 + 2.0 * p0 + 2.0 * q0 + r0)
-        x1 += sixth * (v1 + 2.0 * p1 + 2.0 * q1 + r1)
-        x2 += sixth * (v2 + 2.0 * p2 + 2.0 * q2 + r2)
-        x3 += sixth * (v3 + 2.0 * p3 + 2.0 * q3 + r3)
-        x4 += sixth * (v4 + 2.0 * p4 + 2.0 * q4 + r4)
-        x5 += sixth * (v5 + 2.0 * p5 + 2.0 * q5 + r5)
-        v0 += sixth * (a0 + 2.0 * b0 + 2.0 * c0 + d0)
-        v1 += sixth * (a1 + 2.0 * b1 + 2.0 * c1 + d1)
-        v2 += sixth * (a2 + 2.0 * b2 + 2.0 * c2 + d2)
-        v3 += sixth * (a3 + 2.0 * b3 + 2.0 * c3 + d3)
-        v4 += sixth * (a4 + 2.0 * b4 + 2.0 * c4 + d4)
-        v5 += sixth * (a5 + 2.0 * b5 + 2.0 * c5 + d5)
-        a0, a1, a2, a3, a4, a5 = _accelerations(w, lane, x0, x1, x2, x3, x4, x5, v0, v1, v2, v3, v4, v5, end)
-        w[i], w[i + LANES], w[i + 2 * LANES] = x0, x1, x2
-        w[i + 3 * LANES], w[i + 4 * LANES], w[i + 5 * LANES] = x3, x4, x5
-        w[j], w[j + LANES], w[j + 2 * LANES] = v0, v1, v2
-        w[j + 3 * LANES], w[j + 4 * LANES], w[j + 5 * LANES] = v3, v4, v5
-        w[m], w[m + LANES], w[m + 2 * LANES] = a0, a1, a2
-        w[m + 3 * LANES], w[m + 4 * LANES], w[m + 5 * LANES] = a3, a4, a5
+    for i in range(_SIX):
+        w[_V2 + i] = w[_V + i] + half * w[_A + i]
+        w[_X_TRY + i] = w[_X + i] + half * w[_V + i]
+    _accelerations(w, _X_TRY, _V2, middle, _A2)
+    for i in range(_SIX):
+        w[_V3 + i] = w[_V + i] + half * w[_A2 + i]
+        w[_X_TRY + i] = w[_X + i] + half * w[_V2 + i]
+    _accelerations(w, _X_TRY, _V3, middle, _A3)
+    for i in range(_SIX):
+        w[_V4 + i] = w[_V + i] + h * w[_A3 + i]
+        w[_X_TRY + i] = w[_X + i] + h * w[_V3 + i]
+    _accelerations(w, _X_TRY, _V4, end, _A4)
+    for i in range(_SIX):
+        w[_X + i] += sixth * (w[_V + i] + 2.0 * w[_V2 + i] + 2.0 * w[_V3 + i] + w[_V4 + i])
+        w[_V + i] += sixth * (w[_A + i] + 2.0 * w[_A2 + i] + 2.0 * w[_A3 + i] + w[_A4 + i])
+    _accelerations(w, _X, _V, end, _A)
 
 
 @compiled
@@ -125,11 +84,12 @@ def _add_square(w: Floats, at: int, target: float, weight: float) -> None:
 def _at_rest(constants: Floats, seat: float) -> Floats:
     """The work array before the first step: z'' = 0 and x'' = -seat."""
     w = np.zeros(_SIZE)
-    for row in range(CONSTANT_ROWS):
+    for row in range(CONSTANT_ROWS - 1):
         for lane in range(LANES):
             w[row * LANES + lane] = constants[row, lane]
     for row in range(6):
         for lane in range(LANES):
+            w[_ALPHA_R + row * LANES + lane] = constants[CONSTANT_ROWS - 1, lane]
             w[_A + row * LANES + lane] = -seat
     return w
 
