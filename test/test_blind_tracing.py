@@ -128,6 +128,21 @@ def test_the_error_of_an_unstable_oracle_is_infinite(
     assert (found.oracle_percent, found.placebo_percent) == (math.inf, None)
 
 
+def test_only_the_first_records_of_a_row_have_a_placebo(
+    backrest: tuple[Record, Record], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, hidden = backrest
+    fit = fit_joint(hidden.train, SUBJECT, 0)
+    monkeypatch.setattr(score, "oracle", lambda *given: SUBJECT)
+    monkeypatch.setattr(score, "placebo", lambda *given: SUBJECT)
+    cause = Cause("backrest", "upper_torso", "backrest")
+    last, after = (
+        score._beside(Score("strong", number, (cause,)), Answer("strong", number, "none"), hidden, fit)
+        for number in (score.PLACEBOS - 1, score.PLACEBOS)
+    )
+    assert last.placebo_percent == last.oracle_percent == after.oracle_percent and after.placebo_percent is None
+
+
 # --- truths ----------------------------------------------------------------------------------------------------------
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from blind.tracing.marks import Mark, by_class, most_frequent, true_class_results, verdicts
 from blind.tracing.outcome import Outcome
 from blind.tracing.rows import CONDITIONS, DRAWINGS, MEASURED, Condition
+from blind.tracing.score import PLACEBOS
 from blind.tracing.sections import ceiling_lines, confusion_lines, ratio_lines, reliability_lines, speed_lines
 from conformance.table import table
 
@@ -87,9 +88,9 @@ def _errors(outcomes: Sequence[Outcome]) -> list[str]:
             rows.append((drawing.name, f"{ratio:.2f}", *(_median(one) for one in values)))
     words = (
         "Held-out errors in percent, medians. Floor: the base refit of the same record without the effect. Before: the"
-        " base refit. Placebo: the median wrong class with as many parameters. Generic: a ridge FIR of the residual on"
-        " the seat. Oracle: the true class and site, refitted from the catalogue. Placebo and oracle are refitted where"
-        " the ratio is above 0.8, or without a background."
+        f" base refit. Placebo, in the first {PLACEBOS} records: the median wrong class with as many parameters."
+        " Generic: a ridge FIR of the residual on the seat. Oracle: the true class and site, refitted from the"
+        " catalogue. Placebo and oracle are refitted where the ratio is above 0.8, or without a background."
     )
     # A record without a refit has no ratio and no row, so the page lists it.
     without = [f"{one.score.row} {one.score.number}: {one.score.why}" for one in outcomes if one.score.why]
