@@ -30,6 +30,22 @@ def test_the_readme_is_short() -> None:
     assert len(README) <= MOST_CHARACTERS
 
 
+NUMBER = re.compile(r"\d[\d,]*(?:\.\d+)?(?:e-\d+)?")
+
+
+def test_every_number_of_the_results_is_on_a_page_that_its_row_links_to() -> None:
+    """So that a study repeated since does not leave an older result on the first page."""
+    results = table(README, "| question | result | required | met |")
+    assert len(results) > 9
+    for row in results:
+        _, question, result, *_ = row.split("|")
+        pages = re.findall(r"\]\((docs/\w+\.md)[^)]*\)", result)
+        linked = "".join((ROOT / page).read_text(encoding="utf-8") for page in pages).replace(",", "")
+        numbers = NUMBER.findall(re.sub(r"\]\([^)]*\)", "", result))
+        missing = {one.replace(",", "") for one in numbers} - set(NUMBER.findall(linked))
+        assert pages and not missing, (question, missing)
+
+
 def rows() -> list[str]:
     """One table row per parameter of the live node, from the fields that declare it."""
     lines = []
