@@ -454,6 +454,23 @@ def test_a_full_run_is_published_once(tmp_path: Path, monkeypatch: pytest.Monkey
     assert len(published) == 1
 
 
+def test_a_short_run_adds_a_row_and_no_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A row with fewer records than a full run requires can meet its marks; no further records are drawn."""
+    monkeypatch.setattr(command, "has_recordings", lambda: True)
+    monkeypatch.setattr(command, "ROOT", tmp_path)
+    monkeypatch.setattr(command, "commit", lambda: "abc")
+    monkeypatch.setattr(command.streams, "outcomes", lambda seed: [])
+    monkeypatch.setattr(command, "run", lambda what, doing, report: study.run(what, in_sequence, answers, scores))
+    assert command.main(["--short", "--out", str(tmp_path), "--seed", "5"]) == 1
+    (row,) = [line for line in (tmp_path / RUNS).read_text().splitlines() if "| abc | 5 |" in line]
+    assert f"| {len(DRAWINGS) * command.OF_EACH} ({command.OF_EACH}) |" in row
+    met = [mark for mark in row.split("|")[8].split("<br>") if "✗" not in mark]
+    assert any(mark.startswith("two effects: both found") and f"of {command.OF_EACH}," in mark for mark in met)
+    assert not (tmp_path / PAGE).exists()
+    # Its truths have been looked at.
+    assert command.main(["--out", str(tmp_path), "--seed", "5"]) == 2
+
+
 def test_the_page_has_every_mark_and_class() -> None:
     records = [
         outcome("strong", "effect", [CLOCK], [SKIN], ratio=1.0, before_percent=4.0, floor_percent=2.0),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import datetime as dt
 import secrets
 import subprocess
@@ -23,14 +24,16 @@ from blind.tracing.marks import Mark, marks
 from blind.tracing.outcome import Outcome
 from blind.tracing.rows import CONDITIONS, DRAWINGS, MEASURED, drawings
 from blind.tracing.study import SEAL, BrokenSeal, Run, in_processes, run, seals
-from blind.tracing.table import About, publish
+from blind.tracing.table import RUNS, About, append, publish
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 OUT: Final = Path("blind-out")
+OF_EACH: Final = 30
+"""Records of each row in a short run."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the study, or continue it, and publish a complete one."""
+    """Run the study, or continue it, and publish a run of all rows."""
     options = _parser().parse_args(arguments)
     if not has_recordings():
         return 2
@@ -49,28 +52,40 @@ def _run(options: argparse.Namespace) -> int:
 
     seed = secrets.randbelow(2**31) if options.seed is None else options.seed
     partial = bool(options.rows or options.count is not None or options.split != SCORING)
-    print(f"blind: seed {seed}{', a partial run that is not published' if partial else ''}", flush=True)
+    short = options.short and not partial
+    kind = ", a partial run that is not published" if partial else ", a short run" if short else ""
+    print(f"blind: seed {seed}{kind}", flush=True)
     study = Run(
         seed,
-        tuple(drawings(options.rows, options.count)),
+        tuple(drawings(options.rows, OF_EACH if short else options.count)),
         _folder(options.out, seed, partial),
         options.split,
         commit(),
-        () if partial else CONDITIONS,
+        () if partial or short else CONDITIONS,
     )
     outcomes = run(study, in_processes, report=report)
     if not partial:
         outcomes += streams.outcomes(seed)
-    found = marks(outcomes, CONDITIONS if partial else (*CONDITIONS, *MEASURED))
+    required = CONDITIONS if partial else (*CONDITIONS, *MEASURED)
+    found = marks(outcomes, [dataclasses.replace(one, least=0) for one in required] if short else required)
     if not partial:
-        if commit() != study.commit:
-            raise BrokenSeal("the commit has changed since the run began, so it is not published")
-        today = dt.datetime.now(dt.timezone.utc).date().isoformat()
-        sealed = seals(study)[-1]
-        about = About(today, study.commit, seed, decision(), sealed, len(outcomes), machine())
-        publish(ROOT, about, outcomes, found)
+        _publish(study, OF_EACH if short else None, outcomes, found)
     _print(found, outcomes, partial)
     return 0 if all(mark.met for mark in found) else 1
+
+
+def _publish(study: Run, of_each: int | None, outcomes: Sequence[Outcome], found: Sequence[Mark]) -> None:
+    """Publish a run of all rows: a short one, with `of_each` records of each, in the table of runs alone."""
+    if commit() != study.commit:
+        raise BrokenSeal("the commit has changed since the run began, so it is not published")
+    today = dt.datetime.now(dt.timezone.utc).date().isoformat()
+    about = About(
+        today, study.commit, study.seed, decision(), seals(study)[-1], len(outcomes), machine(), of_each=of_each
+    )
+    if of_each is None:
+        publish(ROOT, about, outcomes, found)
+    else:
+        append(ROOT / RUNS, about, found)
 
 
 def commit() -> str:
@@ -107,6 +122,9 @@ def _parser() -> argparse.ArgumentParser:
     names = ", ".join(one.name for one in DRAWINGS)
     parser.add_argument("--rows", nargs="+", default=[], metavar="ROW", help=f"only these rows (partial): {names}")
     parser.add_argument("--count", type=int, help="records of each row (partial)")
+    parser.add_argument(
+        "--short", action="store_true", help=f"{OF_EACH} records of each row, published in the table of runs alone"
+    )
     parser.add_argument(
         "--split",
         choices=get_args(Split),

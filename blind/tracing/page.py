@@ -17,7 +17,7 @@ from conformance.table import table
 HEAD: Final = """\
 # Blind study of tracing
 
-Made by `make blind`, which fails if a mark is missed. Do not edit. All full runs are in
+Made by `make blind`, which fails if a mark is missed. Do not edit. All runs are in
 [tracing_runs.md](tracing_runs.md).
 
 `test/world` simulates people, seats, sensors and hidden effects, whose functional forms differ from the catalogue's.

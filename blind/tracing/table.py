@@ -1,4 +1,4 @@
-"""Publishes a run: its row in the table of all full runs, and the page of the latest."""
+"""Publishes a run: its row in the table of all runs, and the page of the latest full one."""
 
 from __future__ import annotations
 
@@ -20,16 +20,20 @@ PICTURES: Final = Path("docs/pictures")
 HEAD: Final = """\
 # Runs of the blind study of tracing
 
-## All full runs
+## All runs
 
-Each run of `make blind` appends a row, also a bad one; do not edit the rows. A cross marks a missed requirement.
+Each run of all rows appends a row, also a bad one; do not edit the rows. A cross marks a missed requirement. A short
+run has a few records of each row (in brackets), fewer than the others require.
 
 """
 
 
 @dataclass(frozen=True)
 class About:
-    """A run: day, commit, seed, hash of the decision, hash of the sealed answers, number of records, and machine."""
+    """A run: day, commit, seed, hash of the decision, hash of the sealed answers, number of records, and machine.
+
+    of_each: records of each row in a short run.
+    """
 
     date: str
     commit: str
@@ -38,6 +42,7 @@ class About:
     sealed: str
     records: int
     machine: str = "an unknown machine"
+    of_each: int | None = None
 
     @property
     def text(self) -> str:
@@ -66,7 +71,8 @@ def append(path: Path, about: About, found: Sequence[Mark]) -> None:
         path.write_text(HEAD + f"{cells(*head)}\n{cells(*['---'] * len(head))}\n", encoding="utf-8")
     met = sum(mark.met for mark in found)
     row = cells(
-        about.date, about.commit, str(about.seed), about.decision[:12], about.sealed[:12], str(about.records),
+        about.date, about.commit, str(about.seed), about.decision[:12], about.sealed[:12],
+        str(about.records) + ("" if about.of_each is None else f" ({about.of_each})"),
         f"{met} of {len(found)}", "<br>".join(_short(mark) for mark in found),
     )  # fmt: skip
     with path.open("a", encoding="utf-8") as file:
