@@ -38,8 +38,9 @@ from biodyn_core.pipeline.frames import PredictedFrames
 from biodyn_ros.bag.blocks import BlockEncoder, measured_blocks, predicted_blocks
 from biodyn_ros.bag.cdr import AccelStampedTemplate, decode_imu, encode_imu
 from biodyn_ros.base import topics
-from biodyn_ros.node.live import DRAIN_RATE_HZ, LiveSettings
+from biodyn_ros.node.live import DRAIN_RATE_HZ
 from biodyn_ros.node.publications import BLOCK_DEPTH
+from biodyn_ros.node.settings import LiveSettings
 from biodyn_ros.node.subscriptions import queued
 
 REST_S = 1.5

@@ -198,7 +198,7 @@ def test_the_example_is_parsed(monkeypatch: pytest.MonkeyPatch, place: Path, exa
 
 
 def test_the_examples_of_the_live_node_name_existing_parameters(place: Path) -> None:
-    from biodyn_ros.node.live import SETTINGS
+    from biodyn_ros.node.settings import SETTINGS
 
     for example in command_of("live").examples:
         words = words_of(example)

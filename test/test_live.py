@@ -31,9 +31,10 @@ from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import config_file
 from biodyn_ros.node import params
-from biodyn_ros.node.live import SETTINGS, BiodynNode, LiveSettings
+from biodyn_ros.node.live import BiodynNode
 from biodyn_ros.node.parameters_yaml import parameters_yaml
 from biodyn_ros.node.publications import AccelTopics
+from biodyn_ros.node.settings import SETTINGS, LiveSettings
 
 OK, WARN, ERROR = (bytes([level]) for level in range(3))
 

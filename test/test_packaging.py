@@ -260,8 +260,8 @@ def test_the_launch_arguments_are_parameters_of_the_node(launch: dict[str, Calla
 
 def declared() -> dict[str, str]:
     """The parameters that the live node declares, each as it is described."""
-    from biodyn_ros.node.live import SETTINGS
     from biodyn_ros.node.params import description
+    from biodyn_ros.node.settings import SETTINGS
 
     return {item.name: description(item) for kind in SETTINGS for item in dataclasses.fields(kind)}
 

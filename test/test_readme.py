@@ -12,7 +12,7 @@ import pytest
 from biodyn_ros.base import topics
 from biodyn_ros.base.wording import typeset
 from biodyn_ros.commands.table import NAMES
-from biodyn_ros.node.live import SETTINGS
+from biodyn_ros.node.settings import SETTINGS
 from blind.recovery import page as recovery
 from blind.sessions import page as sessions_study
 from blind.tracing import page as tracing_study

@@ -10,7 +10,6 @@ import gc
 import json
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Any, Final
 
 import rclpy
@@ -27,7 +26,6 @@ from biodyn_core import kernels
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError, one_line
 from biodyn_core.base.segments import SENSORS
-from biodyn_core.base.settings import check_settings, setting
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.exposure.limits import EU_LIMITS, load_limits
@@ -41,18 +39,16 @@ from biodyn_ros.dashboard.child import PageChild
 from biodyn_ros.dashboard.settings import ServingSettings, check_page
 from biodyn_ros.node import params
 from biodyn_ros.node.callbacks import guarded, make_executor, spin
-from biodyn_ros.node.exposure_store import POLICIES, ExposureStore, StateFile, identity_of, state_path
+from biodyn_ros.node.exposure_store import ExposureStore, StateFile, identity_of, state_path
 from biodyn_ros.node.health import HealthMonitor, Status, page_status, storage_status
 from biodyn_ros.node.publications import Publications
+from biodyn_ros.node.settings import SETTINGS, LiveSettings
 from biodyn_ros.node.snapshot_builder import SnapshotBuilder
 from biodyn_ros.node.subscriptions import Subscriptions
 from biodyn_ros.node.warmup import warm_up
 
 DRAIN_RATE_HZ: Final = 30.0
 """One of the six sensors is served at each tick, so that a drain delays the seat only briefly."""
-
-SHORTEST_BLOCK_MS: Final = 1.0
-"""A shorter block has at most one sample, and a timer would cost more than the sample."""
 
 REFRESH_RATE_HZ: Final = 20.0
 """How often topics are checked for subscribers.
@@ -67,40 +63,6 @@ STORE_RATE_HZ: Final = 0.5
 
 TRANSPORT_RATE_HZ: Final = 1.0
 """How often publishers are checked, and one of the six clocks, which takes a millisecond or two."""
-
-
-@dataclass(frozen=True)
-class LiveSettings:
-    """Settings of the live node itself; the pipeline's settings are further parameters."""
-
-    subject_file: str = setting("subject_1", "path of a subject file, or the name of a bundled subject")
-    limits_file: str = setting("", "path of a file with action and limit values; empty: those of 2002/44/EC")
-    autostart: bool = setting(True, "configure and activate at start")
-    queue_depth: int = setting(2000, "subscription queue of every sensor, in messages", "", 200, 10_000_000)
-    block_ms: float = setting(
-        5.0, "the seat is processed in blocks of this length, 1 ms or longer; 0: each sample at once", "ms", 0.0, 100.0
-    )
-    publish_measured: bool = setting(False, "publish the conditioned measurements too")
-    exposure_rate_hz: float = setting(2.0, "how often exposure is published", "Hz", 1.0, 10.0)
-    state_file: str = setting(
-        "", "file that stores exposure across restarts; empty: in the user's state directory; none: nowhere"
-    )
-    kept_exposure: str = setting(
-        "fitting", "which stored exposure a new start continues: a fitting one, any, or none", choices=POLICIES
-    )
-    exposure_max_age_h: float = setting(
-        12.0, "how old, by its stamps, a stored exposure may be to be continued", "h", 0.0, 8760.0
-    )
-    dashboard: bool = setting(False, "serve the live page while the node is active")
-    shock_mps2: float = setting(5.0, "acceleration of the seat from which the page lists a shock", "m/s^2", 0.5, 1000.0)
-
-    def __post_init__(self) -> None:
-        check_settings(self)
-        if 0.0 < self.block_ms < SHORTEST_BLOCK_MS:
-            raise InputError(f"block_ms is {self.block_ms:g}, allowed are 0 and {SHORTEST_BLOCK_MS:g} to 100 ms")
-
-
-SETTINGS: Final = (LiveSettings, ServingSettings, ConditioningSettings, PipelineSettings)
 
 
 class BiodynNode(LifecycleNode):

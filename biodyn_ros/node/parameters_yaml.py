@@ -12,8 +12,8 @@ import sys
 from typing import Any, Final
 
 from biodyn_core.base.settings import Range, described
-from biodyn_ros.node.live import SETTINGS
 from biodyn_ros.node.params import description
+from biodyn_ros.node.settings import SETTINGS
 
 HEAD: Final = """\
 # The live node's parameters with their defaults. Ranges and meanings are those the node declares;
