@@ -233,6 +233,27 @@ def test_block_cuts_change_nothing(cuts: tuple[int, ...]) -> None:
     assert by_segment(estimated(cuts=cuts)) == by_segment(estimated())
 
 
+def test_a_whole_run_counts_as_blocks_that_are_reset_after_its_warm_up() -> None:
+    """The last second of a run counts; of blocks it waits for the next sample."""
+    motion, begin = seat(8.1), round(2.0 * RATE_HZ)
+    accel = Chain.of(SUBJECT).simulate(motion, RATE_HZ).accel_mps2
+    spread, _ = prediction_spread(SUBJECT)
+    assert spread is not None
+    whole, blocks = IntervalEstimator(spread, RATE_HZ, 60.0), IntervalEstimator(spread, RATE_HZ, 60.0)
+    end = round(8.0 * RATE_HZ)
+    stamps_ns = block(motion, 0, end, True).stamps_ns + 123_456_789  # its seconds begin with its first counted sample
+    whole.push_run(stamps_ns, motion[:end], accel[:end], begin)
+    cut = begin + 10  # the second before it is complete
+    blocks.push(block(motion, 0, cut, True), accel[:cut])
+    blocks.reset()
+    blocks.push(block(motion, cut, motion.size, False), accel[cut:])
+    assert by_segment(whole) == by_segment(blocks)
+    once = by_segment(whole)
+    whole.push_run(stamps_ns, motion[:end], accel[:end], begin)  # another run of the same motion, from rest again
+    for name, found in by_segment(whole).items():
+        assert found.accel.of_vdv == pytest.approx(once[name].accel.of_vdv, rel=1e-9)
+
+
 def test_a_window_in_which_the_model_diverged_is_left_out() -> None:
     spread, _ = prediction_spread(SUBJECT)
     assert spread is not None

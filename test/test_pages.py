@@ -19,6 +19,7 @@ import pytest
 import test_report
 import test_streamed_spectra as streamed
 from pages import NASTY, Page, assert_self_contained, lines, svg_text
+from provenances import with_spread
 from streams import simulated, subject
 
 from biodyn_core.base.errors import InputError
@@ -33,7 +34,7 @@ from biodyn_core.identification.uncertainty import Estimate
 from biodyn_core.pipeline.frames import NO_PREDICTED, Frames
 from biodyn_core.recording.recording import Recording
 from biodyn_ros.base.resources import subject_file
-from biodyn_ros.base.wording import number, with_interval
+from biodyn_ros.base.wording import INTERVAL_MEANS, number, with_interval
 from biodyn_ros.commands.cli import main
 from biodyn_ros.fit import campaign as campaigns
 from biodyn_ros.fit import page as fit_report
@@ -85,7 +86,7 @@ def recording(seconds: float = 12.0) -> Recording:
 
 @pytest.fixture(scope="module")
 def validated() -> Report:
-    who = dataclasses.replace(load_subject(subject_file("subject_2")), name=PERSON)
+    who = dataclasses.replace(with_spread(load_subject(subject_file("subject_2"))), name=PERSON)
     return validate_recordings([recording()], who, bag=ODD)
 
 
@@ -120,6 +121,7 @@ def test_the_page_of_a_validation_has_the_numbers_of_its_document(validated: Rep
                 assert f"{number(of[side]['vdv_mps175'])} {side}" in svg_text(validation), segment
     assert number(document["exposure"]["dri"]["compression"]) in svg_text(validation)
     assert "Limitations" in text and "No force was measured" in text
+    assert "with its 95 % interval" in text and INTERVAL_MEANS in text
 
 
 def test_every_drawing_of_a_validation_names_quantity_and_unit(validation: str) -> None:

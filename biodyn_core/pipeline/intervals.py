@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from biodyn_core.base.arrays import Floats
+from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.segments import N_SEGMENTS, SEGMENTS
 from biodyn_core.body.model import Chain, Stepper
 from biodyn_core.body.origin import origin_of
@@ -36,6 +36,9 @@ from biodyn_core.signals.octaves import N_BANDS, octave_squares
 
 NEIGHBOURS: Final = 4
 """Steps to neighbouring chains: four have nearly the spread of as many as there are parameters (docs/science.md)."""
+
+NO_WINDOW: Final = "no whole second was predicted"
+"""Why predictions of a subject with a spread have no interval."""
 
 REMEMBERED: Final = 120
 """Windows whose spread of the acceleration is remembered, for curves."""
@@ -121,15 +124,27 @@ class IntervalEstimator:
     def push(self, block: Block, accel_mps2: Floats) -> None:
         """Add a block of the seat with its predictions (n, 6)."""
         if block.begins_run:
-            self.count_all()
-            for stepper in self._steppers:
-                stepper.reset()
-            for meter in self.meters.values():
-                meter.skip(block.gap_s)
+            self._begin_run(block.gap_s)
         # Nanoseconds since the sensor's first stamp are exact in a float for a hundred days.
         since_ns = (block.stamps_ns - block.epoch_ns).astype(np.float64)
         self._epoch_ns = block.epoch_ns
         self._advance(self._batch.add(np.column_stack([since_ns, block.low_passed_mps2, accel_mps2])))
+
+    def push_run(self, stamps_ns: Integers, seat_mps2: Floats, accel_mps2: Floats, begin: int) -> None:
+        """Add a whole run of the seat with its predictions (n, 6), of which the samples before `begin` do not count."""
+        self._begin_run(0.0)
+        since_ns = (stamps_ns - stamps_ns[begin])[begin:]
+        rows = self._with_neighbours(seat_mps2, accel_mps2)[begin:]
+        for window in (*self._windows.push(since_ns, rows), *self._windows.end()):
+            self._count(window)
+
+    def _begin_run(self, gap_s: float) -> None:
+        """Begin from rest, after a gap."""
+        self.count_all()
+        for stepper in self._steppers:
+            stepper.reset()
+        for meter in self.meters.values():
+            meter.skip(gap_s)
 
     def count_all(self) -> None:
         """Count all samples that still wait."""
@@ -152,9 +167,12 @@ class IntervalEstimator:
         if rows is None:
             return
         stamps_ns, seat_mps2 = rows[:, 0].astype(np.int64) + self._epoch_ns, np.ascontiguousarray(rows[:, 1])
-        predicted = [rows[:, 2:], *(stepper.push(seat_mps2) for stepper in self._steppers)]
-        for window in self._windows.push(stamps_ns, np.concatenate(predicted, axis=1)):
+        for window in self._windows.push(stamps_ns, self._with_neighbours(seat_mps2, rows[:, 2:])):
             self._count(window)
+
+    def _with_neighbours(self, seat_mps2: Floats, accel_mps2: Floats) -> Floats:
+        """Accelerations (n, 6 (1 + k)) as predicted and by the neighbouring chains."""
+        return np.concatenate([accel_mps2, *(stepper.push(seat_mps2) for stepper in self._steppers)], axis=1)
 
     def _count(self, window: Window) -> None:
         accel = window.rows.reshape(len(window.rows), -1, N_SEGMENTS)

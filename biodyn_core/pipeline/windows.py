@@ -23,7 +23,7 @@ class Window(NamedTuple):
 
 
 class SecondWindows:
-    """Collect rows into windows: `push` rows, get the windows that they complete."""
+    """Collect rows into windows: `push` rows, get the windows that they complete; `end` completes the last one."""
 
     def __init__(self) -> None:
         self._stamps_ns: list[Integers] = []
@@ -42,6 +42,12 @@ class SecondWindows:
                 self._stamps_ns.append(stamps_ns[begin:end])
                 self._rows.append(rows[begin:end])
                 begin = end
+
+    def end(self) -> Iterator[Window]:
+        """Yield the last window; the next rows begin another."""
+        if self._number is not None:
+            yield from self._complete()
+            self._number = None
 
     def _complete(self) -> Iterator[Window]:
         """The window, unless a gap has left too little of it."""

@@ -21,6 +21,7 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.effects import apply_to_sensors
 from biodyn_core.exposure.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
 from biodyn_core.exposure.meters import Dose, DoseMeter
+from biodyn_core.pipeline.intervals import NO_WINDOW, IntervalEstimator, SegmentSpread, prediction_spread
 from biodyn_core.recording.recording import REPORTED_S, Recording
 from biodyn_core.signals.response import CrossSpectra, Peak, common_rate_hz, cross_spectra, peak
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
@@ -109,7 +110,8 @@ class HeadPeaks:
 class Exposures:
     """Doses by segment, DRI, and HIC by the name of its window, of low-passed channels after the warm-up.
 
-    masked: segments, and the seat, with missing samples, so that their figures are lower bounds.
+    masked: segments, and the seat, with missing samples, so that their figures are lower bounds. spreads: of the
+    predicted figures, by segment, for their intervals; no_interval: why there are none, empty if there are.
     """
 
     seat: Dose
@@ -119,6 +121,8 @@ class Exposures:
     dri: Dri
     measured_hic: Mapping[str, Hic]
     predicted_hic: Mapping[str, Hic]
+    spreads: Mapping[str, SegmentSpread]
+    no_interval: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +197,7 @@ def validate(
         head=_head_peaks(measured, predicted, subject, least_coherence),
         driving_point=force,
         linear_driving_point=exact,
-        exposures=_exposures(runs, rate_hz),
+        exposures=_exposures(runs, rate_hz, subject),
     )
 
 
@@ -221,12 +225,13 @@ def _error(predicted: Floats, measured: Floats, rate_hz: float) -> SegmentError 
     )
 
 
-def _exposures(runs: Sequence[PredictedRun], rate_hz: float) -> Exposures:
+def _exposures(runs: Sequence[PredictedRun], rate_hz: float, subject: Subject) -> Exposures:
     doses = DoseMeter("Wk", rate_hz, 1 + 2 * len(SEGMENTS), _WINDOW_S)
     dri = DriMeter(rate_hz, _WINDOW_S)
     _count(runs, doses, lambda run: np.column_stack([run.seat_mps2, run.measured_mps2, run.predicted_mps2]))
     _count(runs, dri, lambda run: run.seat_mps2[:, None])
     seat, *others = doses.since_reset()
+    spreads, no_interval = _spreads(runs, rate_hz, subject)
     return Exposures(
         seat=seat,
         measured=dict(zip(SEGMENTS, others[: len(SEGMENTS)], strict=True)),
@@ -235,7 +240,27 @@ def _exposures(runs: Sequence[PredictedRun], rate_hz: float) -> Exposures:
         dri=dri.since_reset(),
         measured_hic=_hics(runs, rate_hz, lambda run: run.measured_mps2),
         predicted_hic=_hics(runs, rate_hz, lambda run: run.predicted_mps2),
+        spreads=spreads,
+        no_interval=no_interval,
     )
+
+
+def _spreads(runs: Sequence[PredictedRun], rate_hz: float, subject: Subject) -> tuple[dict[str, SegmentSpread], str]:
+    """Spreads of the predicted figures by segment, masked samples included, and why there are none.
+
+    The neighbouring chains are driven by the seat's vertical alone, as in the live node.
+    """
+    for applied in subject.effects:
+        if not (applied.absent or applied.effect.supports_live):
+            return {}, f"its effect {applied.effect.name} needs more than the vertical acceleration of the seat"
+    spread, no_interval = prediction_spread(subject)
+    if spread is None:
+        return {}, no_interval
+    estimator = IntervalEstimator(spread, rate_hz, _WINDOW_S)
+    for run in runs:
+        estimator.push_run(run.recording.stamps_ns, run.seat_mps2, run.response.accel_mps2, run.begin)
+    found = estimator.spreads(rolling=False)
+    return found, "" if found else NO_WINDOW
 
 
 def _masked(runs: Sequence[PredictedRun]) -> Iterator[str]:

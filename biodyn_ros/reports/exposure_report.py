@@ -19,20 +19,17 @@ from biodyn_core.exposure.limit_assessment import SeatExposure
 from biodyn_core.exposure.limits import Limits
 from biodyn_core.exposure.losses import Losses
 from biodyn_core.exposure.meters import Dose
-from biodyn_core.pipeline.intervals import SegmentSpread
+from biodyn_core.pipeline.intervals import NO_WINDOW, SegmentSpread
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.run_status import RunStatus
 from biodyn_ros.base.wording import (
-    INTERVAL_MEANS,
-    INTERVAL_OF_BOUND,
-    INTERVAL_OF_GROUP,
     INTERVAL_OF_MISFIT,
     MODEL,
     left_range,
     stuck,
 )
 from biodyn_ros.reading.marks import Mark
-from biodyn_ros.reports.intervals import DoseIntervals, ForceIntervals, dose_intervals, force_intervals
+from biodyn_ros.reports.intervals import DoseIntervals, ForceIntervals, dose_intervals, force_intervals, interval_notes
 
 EDGE_S: Final = 0.1
 """Part of a comparison that may lack its sensor at the start and end of a record, at rest."""
@@ -129,14 +126,9 @@ class ExposureReport:
     @property
     def interval_notes(self) -> list[str]:
         """What the intervals of the predictions are, or why there are none: sentences."""
-        if self.no_interval:
-            return [f"Predictions for {self.subject} have no 95 % interval: {self.no_interval}."]
         has_bounds = any(channel.losses.lower_bound for channel in self.predicted.values())
-        return [
-            INTERVAL_OF_GROUP if self.origin == "group" else INTERVAL_MEANS,
-            *([INTERVAL_OF_BOUND] if has_bounds else []),
-            *([INTERVAL_OF_MISFIT] if self.misfits else []),
-        ]
+        notes = interval_notes(self.subject, self.origin, self.no_interval, has_bounds)
+        return [*notes, INTERVAL_OF_MISFIT] if self.misfits and not self.no_interval else notes
 
     @property
     def lifts_off(self) -> bool:
@@ -188,7 +180,7 @@ def exposure_report(pipeline: Pipeline, bag: str = "", project: bool = False) ->
         body_mass_kg=pipeline.subject.body_mass_kg,
         origin=origin_of(pipeline.subject),
         spreads=since.spreads,
-        no_interval="" if since.spreads else pipeline.no_interval or "no whole second was predicted",
+        no_interval="" if since.spreads else pipeline.no_interval or NO_WINDOW,
         misfits=list(_misfits(pipeline)),
         not_monitored=pipeline.not_monitored,
     )

@@ -1,13 +1,15 @@
-"""95 % intervals of the predicted figures of one segment."""
+"""95 % intervals of the predicted figures of one segment, and what they are."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+from biodyn_core.body.origin import Origin
 from biodyn_core.exposure.figure_spread import interval
 from biodyn_core.exposure.joint_forces import JointForce
 from biodyn_core.exposure.meters import Dose
 from biodyn_core.pipeline.intervals import SegmentSpread
+from biodyn_ros.base.wording import INTERVAL_MEANS, INTERVAL_OF_BOUND, INTERVAL_OF_GROUP
 
 Interval = tuple[float, float]
 """Lower and upper end."""
@@ -54,3 +56,14 @@ def force_intervals(force: JointForce, spread: SegmentSpread | None) -> ForceInt
 def figure_interval(value: float, spread: float | None) -> Interval | None:
     """The interval of a figure; None for zero, which has no logarithm, and for an unknown spread."""
     return interval(value, spread) if spread is not None and value > 0.0 else None
+
+
+def interval_notes(subject: str, origin: Origin, no_interval: str, has_bounds: bool) -> list[str]:
+    """What the intervals of a subject's predictions are, or why there are none: sentences.
+
+    has_bounds: whether predicted figures are lower bounds.
+    """
+    if no_interval:
+        return [f"Predictions for {subject} have no 95 % interval: {no_interval}."]
+    means = INTERVAL_OF_GROUP if origin == "group" else INTERVAL_MEANS
+    return [means, INTERVAL_OF_BOUND] if has_bounds else [means]

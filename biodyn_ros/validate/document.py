@@ -81,11 +81,12 @@ def _exposure(report: Report) -> Document:
         "segments": {
             name: {
                 "measured": _dose(found.measured[name]),
-                "predicted": _dose(found.predicted[name]),
+                "predicted": _predicted(report, name),
                 "lower_bound": is_lower_bound(found, name),
             }
             for name in SEGMENTS
         },
+        "no_interval": found.no_interval or None,
         "dri": {
             "compression": dri.compression, "as_printed": dri.as_printed, "class": dri.band, "lower_bound": seat_bound,
         },
@@ -103,6 +104,11 @@ def _exposure(report: Report) -> Document:
 
 def _dose(dose: Dose) -> Document | None:
     return dose_figures(dose) | {"counted_s": dose.seconds} if dose.seconds else None
+
+
+def _predicted(report: Report, name: str) -> Document | None:
+    dose = _dose(report.validation.exposures.predicted[name])
+    return dose and dose | report.dose_intervals(name)._asdict()
 
 
 def _hic(found: Hic) -> Document | None:

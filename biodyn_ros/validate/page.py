@@ -67,7 +67,7 @@ def validation_page(report: Report) -> str:
         driving_svg=driving_point(document),
         refused=CASCADE_FORCES,
         peaks=list(_peaks(report)),
-        doses_svg=doses(_doses(found.exposures), VDV_LABEL),
+        doses_svg=doses(_doses(report), VDV_LABEL),
         injury_svg=injury(_dri(found.exposures), _hic(found.exposures)),
         width_ns=residual.width_ns if residual else None,
         waterfall_svg=waterfall(residual, residual_channels(worst_segment), origin_ns)
@@ -133,12 +133,13 @@ def _peaks(report: Report) -> Iterator[tuple[str, Peak | None, Peak | None]]:
         yield from zip(_PEAKS, *(driving_peaks(point, least_coherence) for point in points), strict=True)
 
 
-def _doses(found: Exposures) -> list[Pair]:
-    rows = []
+def _doses(report: Report) -> list[Pair]:
+    found, rows = report.validation.exposures, []
     for name in reversed(SEGMENTS):
         values = [_vdv(dose) for dose in (found.measured[name], found.predicted[name])]
         lower, note = is_lower_bound(found, name), ", not measured" if values[0] is None else ""
-        rows.append(Pair(words(name), *values, lower, lower, note))
+        interval = report.dose_intervals(name).vdv_interval_mps175
+        rows.append(Pair(words(name), *values, lower, lower, note, interval))
     vdv = _vdv(found.seat)
     return [*rows, Pair(words(SEAT), vdv, None, vdv is not None and is_lower_bound(found, SEAT))]
 

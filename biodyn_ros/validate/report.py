@@ -9,11 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from biodyn_core.base.segments import SEAT
+from biodyn_core.body.origin import origin_of
 from biodyn_core.signals.response import Peak, peak
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_core.validation.driving_point import DrivingPoint
 from biodyn_core.validation.validation import Exposures, Validation
 from biodyn_ros.reading.provenance import Role, without_note
+from biodyn_ros.reports.intervals import DoseIntervals, dose_intervals, interval_notes
 from biodyn_ros.validate.findings import Finding, findings, verdict
 from biodyn_ros.validate.settings import ValidationSettings
 
@@ -52,6 +54,17 @@ class Report:
     @property
     def _notes_and_warnings(self) -> tuple[list[str], list[str]]:
         return without_note(dict.fromkeys(line for run in self.validation.runs for line in run.recording.warnings))
+
+    def dose_intervals(self, segment: str) -> DoseIntervals:
+        """The 95 % intervals of a segment's predicted weighted acceleration."""
+        found = self.validation.exposures
+        return dose_intervals(found.predicted[segment], found.spreads.get(segment))
+
+    @property
+    def interval_notes(self) -> list[str]:
+        """What the intervals of the predictions are, or why there are none: sentences."""
+        found, subject = self.validation.exposures, self.validation.subject
+        return interval_notes(subject.name, origin_of(subject), found.no_interval, bool(found.masked))
 
     def hic_bandwidth_hz(self, name: str) -> float:
         """Bandwidth of the channel behind a HIC, by the name of its window."""

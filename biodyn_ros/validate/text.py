@@ -8,7 +8,7 @@ from biodyn_core.recording.recording import WARM_UP_S
 from biodyn_core.signals.response import Peak
 from biodyn_core.validation.driving_point import DrivingPoint
 from biodyn_core.validation.validation import HeadPeaks, Validation
-from biodyn_ros.base.wording import bound, number, words
+from biodyn_ros.base.wording import bound, ends, number, words
 from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.validate.report import Report, driving_peaks, is_lower_bound
 
@@ -22,8 +22,10 @@ def text_of(report: Report) -> str:
         f"{found.seconds:.1f} s, the first {WARM_UP_S:g} s of each run are warm-up",
         _error_line(found),
         "",
-        "segment         error/rms  error/range   aw m/s^2 measured predicted   VDV m/s^1.75 measured predicted",
-        *(_row(name, found) for name in MEASURED_SEGMENTS),
+        "segment         error/rms  error/range   aw m/s^2 measured predicted   VDV m/s^1.75 measured predicted"
+        + ("" if found.exposures.no_interval else "  95 % interval"),
+        *(_row(name, report) for name in MEASURED_SEGMENTS),
+        *report.interval_notes,
         "",
         _head_line(found.head),
         _driving_line(found.driving_point, report.limits.least_coherence),
@@ -44,7 +46,8 @@ def _error_line(found: Validation) -> str:
     return f"error/rms: mean {number(found.mean_nrmse_rms_percent)} %, worst {words(segment)} {number(percent)} %"
 
 
-def _row(name: str, found: Validation) -> str:
+def _row(name: str, report: Report) -> str:
+    found = report.validation
     error, measured, predicted = found.errors[name], found.exposures.measured[name], found.exposures.predicted[name]
     if error is None or not measured.seconds:
         return f"{words(name):<15} not measured"
@@ -52,7 +55,9 @@ def _row(name: str, found: Validation) -> str:
     aw, aw_model = number(measured.aw_mps2), number(predicted.aw_mps2)  # missing samples make no mean a lower bound
     lower = is_lower_bound(found.exposures, name)
     vdv, vdv_model = bound(measured.vdv_mps175, lower), bound(predicted.vdv_mps175, lower)
-    return f"{words(name):<15} {by_rms:>9}  {by_range:>11}  {aw:>18} {aw_model:>9}  {vdv:>22} {vdv_model:>9}"
+    row = f"{words(name):<15} {by_rms:>9}  {by_range:>11}  {aw:>18} {aw_model:>9}  {vdv:>22} {vdv_model:>9}"
+    interval = report.dose_intervals(name).vdv_interval_mps175
+    return f"{row}  {ends(interval)}" if interval else row
 
 
 def _head_line(head: HeadPeaks) -> str:
