@@ -5,7 +5,7 @@
 # PIP_CONSTRAINT=FILE pins versions, WORKERS=1 runs tests one after the other, ARGS='-k name' goes to pytest or to the
 # benchmarks, ARGS=stamps or ARGS=dds to the fault bench (four minutes), ARGS='tracing --count 2' to the blind studies:
 # without it, both of them, of which that of tracing takes some five hours on two cores. make train learns the model of
-# tracing anew from the stored evidence; bodies without it are simulated, 35 to 100 s of one core each.
+# tracing anew from the stored evidence; bodies without it are simulated, 35 to 110 s of one core each.
 
 PYTHON ?= python3
 VENV ?= .venv
