@@ -469,6 +469,8 @@ def test_a_short_run_adds_a_row_and_no_page(tmp_path: Path, monkeypatch: pytest.
     assert not (tmp_path / PAGE).exists()
     # Its truths have been looked at.
     assert command.main(["--out", str(tmp_path), "--seed", "5"]) == 2
+    for more in (["--count", "2"], ["--rows", "two"], ["--split", "development"]):
+        assert command.main(["--short", *more, "--out", str(tmp_path), "--seed", "6"]) == 2
 
 
 def test_the_page_has_every_mark_and_class() -> None:

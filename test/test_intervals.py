@@ -254,6 +254,33 @@ def test_a_whole_run_counts_as_blocks_that_are_reset_after_its_warm_up() -> None
         assert found.accel.of_vdv == pytest.approx(once[name].accel.of_vdv, rel=1e-9)
 
 
+def test_a_neighbour_that_diverges_in_a_whole_run_begins_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise all later seconds would be missing in the spread of the whole run."""
+    spread, _ = prediction_spread(SUBJECT)
+    assert spread is not None
+    motion = seat()
+    accel = Chain.of(SUBJECT).simulate(motion, RATE_HZ).accel_mps2
+    found = IntervalEstimator(spread, RATE_HZ, 60.0)
+    neighbour = found._steppers[0]
+    push, reset, past, diverged = neighbour.push, neighbour.reset, [0], [False]
+
+    def push_diverging(seat_mps2: np.ndarray) -> np.ndarray:
+        past[0] += seat_mps2.size
+        diverged[0] |= past[0] - seat_mps2.size <= 3500 < past[0]
+        return push(seat_mps2) * (np.nan if diverged[0] else 1.0)
+
+    def reset_diverged() -> None:
+        diverged[0] = False
+        reset()
+
+    monkeypatch.setattr(neighbour, "push", push_diverging)
+    monkeypatch.setattr(neighbour, "reset", reset_diverged)
+    stamps_ns = block(motion, 0, motion.size, True).stamps_ns
+    found.push_run(stamps_ns, motion, accel, 0)
+    counted = [one.begin_ns // 10**9 for one in found.recent]
+    assert {0, 1, 5, 6, 7} <= set(counted) and 3 not in counted
+
+
 def test_a_window_in_which_the_model_diverged_is_left_out() -> None:
     spread, _ = prediction_spread(SUBJECT)
     assert spread is not None

@@ -40,6 +40,9 @@ NEIGHBOURS: Final = 4
 NO_WINDOW: Final = "no whole second was predicted"
 """Why predictions of a subject with a spread have no interval."""
 
+PIECE: Final = 1000
+"""Samples of a whole run that are carried at once: little memory, and a chain that diverges soon begins again."""
+
 REMEMBERED: Final = 120
 """Windows whose spread of the acceleration is remembered, for curves."""
 
@@ -133,9 +136,13 @@ class IntervalEstimator:
     def push_run(self, stamps_ns: Integers, seat_mps2: Floats, accel_mps2: Floats, begin: int) -> None:
         """Add a whole run of the seat with its predictions (n, 6), of which the samples before `begin` do not count."""
         self._begin_run(0.0)
-        since_ns = (stamps_ns - stamps_ns[begin])[begin:]
-        rows = self._with_neighbours(seat_mps2, accel_mps2)[begin:]
-        for window in (*self._windows.push(since_ns, rows), *self._windows.end()):
+        self._with_neighbours(seat_mps2[:begin], accel_mps2[:begin])
+        since_ns = stamps_ns - stamps_ns[begin]
+        for at in range(begin, len(seat_mps2), PIECE):
+            part = slice(at, at + PIECE)
+            for window in self._windows.push(since_ns[part], self._with_neighbours(seat_mps2[part], accel_mps2[part])):
+                self._count(window)
+        for window in self._windows.end():
             self._count(window)
 
     def _begin_run(self, gap_s: float) -> None:

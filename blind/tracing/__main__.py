@@ -52,24 +52,25 @@ def _run(options: argparse.Namespace) -> int:
 
     seed = secrets.randbelow(2**31) if options.seed is None else options.seed
     partial = bool(options.rows or options.count is not None or options.split != SCORING)
-    short = options.short and not partial
-    kind = ", a partial run that is not published" if partial else ", a short run" if short else ""
+    if options.short and partial:
+        raise ValueError("--short draws its own records of all rows: omit --rows, --count and --split")
+    kind = ", a partial run that is not published" if partial else ", a short run" if options.short else ""
     print(f"blind: seed {seed}{kind}", flush=True)
     study = Run(
         seed,
-        tuple(drawings(options.rows, OF_EACH if short else options.count)),
+        tuple(drawings(options.rows, OF_EACH if options.short else options.count)),
         _folder(options.out, seed, partial),
         options.split,
         commit(),
-        () if partial or short else CONDITIONS,
+        () if partial or options.short else CONDITIONS,
     )
     outcomes = run(study, in_processes, report=report)
     if not partial:
         outcomes += streams.outcomes(seed)
     required = CONDITIONS if partial else (*CONDITIONS, *MEASURED)
-    found = marks(outcomes, [dataclasses.replace(one, least=0) for one in required] if short else required)
+    found = marks(outcomes, [dataclasses.replace(one, least=0) for one in required] if options.short else required)
     if not partial:
-        _publish(study, OF_EACH if short else None, outcomes, found)
+        _publish(study, OF_EACH if options.short else None, outcomes, found)
     _print(found, outcomes, partial)
     return 0 if all(mark.met for mark in found) else 1
 
