@@ -63,6 +63,15 @@ def graph() -> Iterator[Any]:
         yield made
 
 
+@pytest.fixture
+def no_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The independent simulation shakes from the first moment."""
+    from world.effects import event, moving  # needed by few tests
+
+    for module in (event, moving):
+        monkeypatch.setattr(module, "REST_S", (0.0, 0.0))
+
+
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[str]:
     """The address of a Dask cluster with two workers on this machine."""

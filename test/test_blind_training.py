@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from world import ride
-from world.effects import event, mixture, moving
+from world.effects import mixture
 from world.effects.draw import forms
 
 from blind.tracing.rows import KINDS
@@ -95,12 +95,6 @@ def test_a_missing_sensor_is_on_the_body_and_not_that_of_an_effect() -> None:
     for one in found:
         changed = {effect.site for effect in one.effects if effect.kind in SENSOR_KINDS}
         assert ride.SENSORS.index(one.missing) not in changed
-
-
-@pytest.fixture
-def no_rest(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (event, moving):
-        monkeypatch.setattr(module, "REST_S", (0.0, 0.0))
 
 
 def test_simulated_bodies_have_their_facts_and_do_not_depend_on_the_others(no_rest: None) -> None:

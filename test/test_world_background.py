@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from shaking import KNOWN, after, made, moment, person, shaken
 from world import seats, sensors
-from world.effects import background, event, mixture, moving, sitting
+from world.effects import background, mixture, sitting
 from world.effects.event import HELD_HZ
 from world.effects.mechanism import Mechanism
 from world.effects.mixture import CHANGES, LEVELS, PAPER
@@ -22,12 +22,6 @@ IN_SENSORS = tuple(kind for kind in KNOWN if kind not in IN_BODY)
 PASSIVE = ("hysteresis", "relaxation", "sprung_masses", "two_joints", "power_law", "fluid_flow")
 GROUPS = {"all": mixture.KINDS, "all unseen": mixture.UNSEEN}
 SHORT = Plan(counts=(1, 0, 0), seconds=(0.3, 0.3, 0.3), uses=("fit",), recorded=False)
-
-
-@pytest.fixture
-def no_rest(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (event, moving):
-        monkeypatch.setattr(module, "REST_S", (0.0, 0.0))
 
 
 # --- laws of the body ------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import pytest
 from scipy import signal
 from shaking import KNOWN, after, made, moment, person, shaken
 from world import seats, sensors
-from world.effects import event, mixture, moving, sitting
+from world.effects import mixture, sitting
 from world.effects.effect import Person
 from world.effects.event import HELD_HZ
 from world.effects.mixture import LEVELS, PAPER, UNSEEN
@@ -245,12 +245,6 @@ def test_the_sensor_of_the_seat_is_exact(kind: str) -> None:
 
 
 # --- sets ------------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def no_rest(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (event, moving):
-        monkeypatch.setattr(module, "REST_S", (0.0, 0.0))
 
 
 def test_a_sitting_on_an_unseen_background_has_an_exact_seat(no_rest: None) -> None:
