@@ -10,8 +10,8 @@ from world.effects import development_forms, earlier_forms, second_forms, third_
 from world.effects.effect import Effect, Moment, Person
 from world.effects.event import Event
 
-ALL = (*development_forms.FORMS, *earlier_forms.FORMS)
-EVERY = (*ALL, *second_forms.FORMS, *third_forms.FORMS)
+FIRST = (*development_forms.FORMS, *earlier_forms.FORMS)
+EVERY = (*FIRST, *second_forms.FORMS, *third_forms.FORMS)
 PERSON = dataclasses.replace(
     Person.of(body.drawn(2, np.random.default_rng(3)), 0),
     reach_m=np.array([8.0, 6.0, 5.0, 4.0, 2.0, 2.0]) * 1e-3,
@@ -21,7 +21,7 @@ PERSON = dataclasses.replace(
 SHORT_S = 0.25
 
 
-def of_kind(*kinds: str, among: tuple[type[Effect], ...] = ALL) -> list[type[Effect]]:
+def of_kind(*kinds: str, among: tuple[type[Effect], ...] = FIRST) -> list[type[Effect]]:
     return [form for form in among if form.kind in kinds]
 
 

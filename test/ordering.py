@@ -9,9 +9,10 @@ from typing import Any, Final
 import pytest
 
 SLOW: Final = (
-    "test_world_effects", "test_work", "test_trace_wording", "test_faults", "test_trace", "test_campaign", "test_cli",
-    "test_report", "test_effects", "test_identify", "test_pipeline", "test_clocks", "test_live", "test_channels",
-    "test_player", "test_page_live", "test_exposure_store", "test_demo", "test_two_processes", "test_docs",
+    "test_world_effects", "test_work", "test_trace_command", "test_trace_page", "test_faults", "test_trace",
+    "test_campaign", "test_cli", "test_report", "test_effects", "test_identify", "test_pipeline", "test_clocks",
+    "test_live", "test_channels", "test_player", "test_page_live", "test_exposure_store", "test_demo",
+    "test_two_processes", "test_docs",
 )  # fmt: skip
 """Slow files in their order: long computations first, short ones where the workers meet, long processes last."""
 
