@@ -1,6 +1,7 @@
 """`python -m blind [recovery | STUDY OPTION...]`: a study; STUDIES lists them.
 
-Without a name recovery and tracing run. The exit code is 1 for a missed mark.
+Without a name recovery and tracing run. The exit code is 1 for a missed mark, 2 for a wrong command, 130 after an
+interruption. A study that stores its work continues with the same command and seed.
 """
 
 from __future__ import annotations
@@ -30,8 +31,19 @@ STUDIES: Final[dict[str, Callable[[Sequence[str]], int]]] = {
 """The studies that take options, by name."""
 
 
+EXIT_INTERRUPTED: Final = 130
+
+
 def main(arguments: Sequence[str]) -> int:
-    """Run the named study with its options, or both; the larger exit code."""
+    """Run the named study with its options, or both; return the larger exit code."""
+    try:
+        return _run(arguments)
+    except KeyboardInterrupt:
+        print("blind: interrupted", file=sys.stderr)
+        return EXIT_INTERRUPTED
+
+
+def _run(arguments: Sequence[str]) -> int:
     if not arguments:
         return max(recovery.main(), tracing.main([]))
     name, *rest = arguments

@@ -1,11 +1,13 @@
-"""Requirements of a study: the page, the exit code, and what is said of missed marks and recordings."""
+"""Requirements of a study: the page, the exit code, and what is said of missed marks, recordings, an interruption."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
+from blind import __main__ as studies
 from blind.requirements import Mark, has_recordings, mark_table, publish
 
 MET, MISSED = Mark("coverage", ">= 90 %", "93 %", True), Mark("delay", "<= 30 s", "36 s", False)
@@ -35,3 +37,21 @@ def test_a_study_says_where_recordings_are_missing(
     monkeypatch.setenv("BIODYN_DATA", str(tmp_path / "nowhere"))
     assert not has_recordings()
     assert f"not in {tmp_path / 'nowhere'}: set BIODYN_DATA" in capsys.readouterr().err
+
+
+def test_an_interruption_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def interrupted(options: Sequence[str]) -> int:
+        assert options == ["--seed", "5"]
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(studies.STUDIES, "tracing", interrupted)
+    assert studies.main(["tracing", "--seed", "5"]) == 130
+    assert capsys.readouterr().err == "blind: interrupted\n"
+
+
+def test_an_unknown_study_is_refused_with_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments in (["traces"], ["recovery", "--seed", "5"]):
+        assert studies.main(arguments) == 2
+        error = capsys.readouterr().err
+        assert error.startswith(f"blind: '{' '.join(arguments)}' is no study; known are recovery, and with options ")
+        assert error.count("\n") == 1
