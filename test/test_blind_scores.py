@@ -1,0 +1,119 @@
+"""Scores of the blind tracing study: ratio, oracle, placebo, and the share of the gap that an answer closes."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from blind_answers import SUBJECT
+
+from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX
+from biodyn_core.body.model import predict
+from biodyn_core.body.subject import Subject
+from biodyn_core.effects import CATALOGUE, AppliedEffect
+from biodyn_core.identification.fit import fit_joint
+from biodyn_core.identification.problem import Case
+from blind.tracing import refits, score
+from blind.tracing.outcome import Answer, Cause, Score
+from blind.tracing.records import Record
+from blind.tracing.refits import oracle, placebo
+from blind.tracing.score import generic_percent, ratio, recovered, sum_of_squares, unseen
+
+
+def test_energy_recovered_is_a_share_of_the_oracles() -> None:
+    assert recovered(10.0, 4.0, 2.0, right=True) == pytest.approx(0.75)
+    assert recovered(10.0, 4.0, 2.0, right=False) == 0.0
+    assert recovered(2.0, 1.0, 1.99, right=True) is None
+
+
+def event(subject: Subject, number: int, seconds: float = 3.5) -> Case:
+    """The response of a subject to a synthetic seat motion, with little noise."""
+    rate_hz, rng = 250.0, np.random.default_rng(number)
+    time_s = np.arange(round(seconds * rate_hz)) / rate_hz
+    tones = rng.uniform(2.0, 20.0, 8)
+    seat = (2.0 * np.sin(2.0 * np.pi * tones * time_s[:, None] + rng.uniform(0.0, 6.0, 8))).sum(axis=1)
+    measured = predict(subject, seat, rate_hz).accel_mps2[:, MEASURED_SEGMENT_INDEX]
+    measured = measured + 0.02 * rng.standard_normal(measured.shape)
+    compared = np.zeros(measured.shape, dtype=bool)
+    compared[round(2.0 * rate_hz) :] = True
+    measured = np.where(compared, measured, 0.0)
+    frequency = np.arange(1.0, 30.0)
+    nothing = np.zeros((frequency.size, 5))
+    return Case(f"road_{number}", "road", rate_hz, seat, measured, compared, (measured**2).sum(axis=0), frequency,
+                nothing, nothing, ())  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def backrest() -> tuple[Record, Record]:
+    """A person without and with a backrest, in the same three events."""
+    values = {"stiffness_n_per_m": 6000.0, "damping_s": 0.01, "friction_n": 0.0, "smooth_mps": 0.01}
+    leans = AppliedEffect(CATALOGUE["backrest"], "upper_torso", values)
+    found = []
+    for effects in ((), (leans,)):
+        cases = [event(dataclasses.replace(SUBJECT, effects=effects), number) for number in range(3)]
+        found.append(Record(SUBJECT, tuple(cases[:2]), tuple(cases[2:])))
+    return found[0], found[1]
+
+
+@pytest.mark.slow
+def test_refits_give_ratio_oracle_placebo_and_generic(
+    backrest: tuple[Record, Record], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain, hidden = backrest
+    # Sensors' effects alone, so that no integrators have to be compiled.
+    monkeypatch.setattr(refits, "CATALOGUE", {name: CATALOGUE[name] for name in ("backrest", "clock", "skin")})
+    fits = [fit_joint(known.train, SUBJECT, 0) for known in (hidden, plain)]
+    assert ratio(fits[1].subject, plain.cases, fits[1].subject, plain.cases) == 0.0
+    visible = ratio(fits[0].subject, hidden.cases, fits[1].subject, plain.cases)
+    assert visible > 1.0
+    truth = Cause("backrest", "upper_torso", "backrest")
+    before, best, wrong = (
+        sum_of_squares(subject, hidden.held_out)
+        for subject in (fits[0].subject, oracle(fits[0], hidden.train, truth), placebo(fits[0], hidden.train, truth))
+    )
+    floor = sum_of_squares(fits[1].subject, plain.held_out)
+    assert best < 5.0 * floor < 0.03 * before  # friction, of which it has none, is neared and never reached
+    assert wrong > best
+    named = Answer("strong", 0, "effect", unseen=("road_2", "gone"))
+    both = dataclasses.replace(plain, held_out=plain.cases)
+    assert [case.name for case in unseen(named, both).held_out] == ["road_2"]
+    assert unseen(dataclasses.replace(named, unseen=()), both).held_out == plain.cases
+    assert math.isfinite(generic_percent(fits[0], hidden))
+
+
+def test_an_unstable_simulation_has_infinite_squares() -> None:
+    quiet = event(SUBJECT, 0)
+    for factor in (1e5, 1e160):
+        wild = dataclasses.replace(quiet, seat_mps2=factor * quiet.seat_mps2)
+        assert sum_of_squares(SUBJECT, [quiet]) < 0.01 < sum_of_squares(SUBJECT, [quiet, wild]) == math.inf
+
+
+def test_the_error_of_an_unstable_oracle_is_infinite(
+    backrest: tuple[Record, Record], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, hidden = backrest
+    wild = dataclasses.replace(hidden.held_out[0], seat_mps2=1e160 * hidden.held_out[0].seat_mps2)
+    known = dataclasses.replace(hidden, held_out=(wild,))
+    fit = fit_joint(hidden.train, SUBJECT, 0)
+    monkeypatch.setattr(score, "oracle", lambda *given: SUBJECT)
+    monkeypatch.setattr(score, "placebo", lambda *given: None)
+    found = score._beside(Score("strong", 0, (Cause("backrest", "upper_torso", "backrest"),)),
+                          Answer("strong", 0, "none"), known, fit)  # fmt: skip
+    assert (found.oracle_percent, found.placebo_percent) == (math.inf, None)
+
+
+def test_only_the_first_records_of_a_row_have_a_placebo(
+    backrest: tuple[Record, Record], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, hidden = backrest
+    fit = fit_joint(hidden.train, SUBJECT, 0)
+    monkeypatch.setattr(score, "oracle", lambda *given: SUBJECT)
+    monkeypatch.setattr(score, "placebo", lambda *given: SUBJECT)
+    cause = Cause("backrest", "upper_torso", "backrest")
+    last, after = (
+        score._beside(Score("strong", number, (cause,)), Answer("strong", number, "none"), hidden, fit)
+        for number in (score.PLACEBOS - 1, score.PLACEBOS)
+    )
+    assert last.placebo_percent == last.oracle_percent == after.oracle_percent and after.placebo_percent is None
