@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from hiding import applied
 
+from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.tracing import local_fit
 from biodyn_core.tracing.local_fit import LocalFit, evidence_gain, fit_locally, simulated_products
-from biodyn_core.tracing.nuisance_model import N_THETA, EventSet, NuisanceModel
+from biodyn_core.tracing.nuisance_model import FREE, N_THETA, EventSet, NuisanceModel
 from biodyn_core.tracing.rows import Rows
 from biodyn_core.tracing.settings import LocalFitSettings
 
@@ -159,7 +160,7 @@ def test_a_fit_that_is_unstable_in_an_event_for_choosing_becomes_weaker(
 ) -> None:
     """most: the largest stable gain, as a share of the fitted one; share: of the gain that the fit ends with."""
     nuisance = hiding.nuisance(hiding.louder)
-    fitted = fit_locally(nuisance, applied("gain", "neck"))
+    fitted, no_effect = fit_locally(nuisance, applied("gain", "neck")), without(hiding.louder)
     gain, plain = fitted.applied.values["gain"], simulated_products  # type: ignore[union-attr]
 
     def products(events: EventSet, subject) -> object:
@@ -173,8 +174,32 @@ def test_a_fit_that_is_unstable_in_an_event_for_choosing_becomes_weaker(
         assert found.objective == np.inf
     else:
         assert found.applied is not None and found.applied.values["gain"] == pytest.approx(share * gain, rel=1e-6)
-        assert fitted.objective <= found.objective < without(hiding.louder).objective
+        assert fitted.objective <= found.objective < no_effect.objective
         assert found.residual_square.max() < 1e10
+
+
+@pytest.mark.parametrize(("most", "share"), [(1.0, 1.0), (0.8, 0.7), (0.1, 0.0)])
+def test_theta_that_is_unstable_in_an_event_for_choosing_changes_less(
+    monkeypatch: pytest.MonkeyPatch, most: float, share: float
+) -> None:
+    """most: the largest stable change of theta, as a share of the fitted one; share: of the change that remains."""
+    nuisance, plain = hiding.nuisance(hiding.louder), simulated_products
+    start = np.log(nuisance.subject.parameters.vector()[FREE])
+
+    def change(subject: Subject) -> np.ndarray:
+        return np.log(subject.parameters.vector()[FREE]) - start
+
+    whole = change(fit_locally(nuisance, None).subject)
+
+    def products(events: EventSet, subject: Subject) -> object:
+        found = plain(events, subject)
+        runs_away = np.linalg.norm(change(subject)) > 1.001 * most * np.linalg.norm(whole)
+        return dataclasses.replace(found, square=np.full_like(found.square, 1e20)) if runs_away else found
+
+    monkeypatch.setattr(local_fit, "simulated_products", products)
+    found = fit_locally(nuisance, None)
+    assert np.isfinite(found.objective) and found.residual_square.max() < 1e10
+    np.testing.assert_allclose(change(found.subject), share * whole, atol=1e-9)
 
 
 def test_derivatives_near_instability_use_the_stable_side() -> None:

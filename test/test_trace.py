@@ -17,14 +17,14 @@ from biodyn_core.effects import CATALOGUE
 from biodyn_core.identification.problem import Case, errors
 from biodyn_core.tracing import rounds, sensor_tilt, settings, unsteady
 from biodyn_core.tracing import trace as trace_module
-from biodyn_core.tracing.answers import answer
+from biodyn_core.tracing.answers import UnstableSimulation, answer
 from biodyn_core.tracing.candidate import Candidate, CandidateFit, ScreeningResult
 from biodyn_core.tracing.choice import choose
 from biodyn_core.tracing.data_checks import FloorSettings, split_held_out
 from biodyn_core.tracing.findings import RankedCandidate, Round, Trace
 from biodyn_core.tracing.local_fit import LocalFit, fit_locally
 from biodyn_core.tracing.probability import Probabilities
-from biodyn_core.tracing.results import _sensors
+from biodyn_core.tracing.results import _not_stored, _sensors
 from biodyn_core.tracing.screen import Screening, all_candidates
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_core.tracing.trace import trace
@@ -175,8 +175,62 @@ def test_an_effect_is_not_added_where_theta_alone_gains_as_much() -> None:
     tiny = applied("cubic", "pelvis", cubic_per_m2=0.1)
     fit = dataclasses.replace(without(), subject=dataclasses.replace(poor, effects=(tiny,)))
     outcome = rounds.Outcome(a_round({"nonlinear_stiffness": 0.9}), None, hiding.nuisance(), without(), fit)
-    subject, refused = trace_module._with_joint_refit(poor, outcome, cases[:3], cases[3:], SHORT)
+    subject, refused = trace_module._with_joint_refit(poor, outcome, (cases[:3], cases[3:], ()), SHORT)
     assert subject is poor and not refused.adds_effect and "without nuisance parameters" in refused.why
+
+
+def wild(case: Case) -> Case:
+    """The event with a seat motion at which stiffening joints are unstable."""
+    return dataclasses.replace(case, name="wild_1", seat_mps2=1e5 * case.seat_mps2)
+
+
+def test_an_effect_with_an_unstable_simulation_is_not_added(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It predicts the events for choosing well, and one of those for reporting not at all."""
+    cases = hiding.events(9, hiding.louder, hiding.plain)
+    good = dataclasses.replace(hiding.TRUTH, effects=(applied("gain", "neck", gain=0.1),))
+    monkeypatch.setattr(trace_module, "jointly_refitted", lambda subject, *_: good if subject.effects else subject)
+    monkeypatch.setattr(trace_module, "generalised", lambda subject, *_, **__: subject)
+    outcome = rounds.Outcome(
+        a_round({"gain": 0.9}), None, hiding.nuisance(), without(), dataclasses.replace(without(), subject=good)
+    )
+    uses = cases[:3], cases[3:6], cases[6:]
+    added, named = trace_module._with_joint_refit(hiding.TRUTH, outcome, uses, SHORT)
+    assert added is good and named.adds_effect
+    uses = cases[:3], cases[3:6], [*cases[6:], wild(cases[6])]
+    subject, refused = trace_module._with_joint_refit(hiding.TRUTH, outcome, uses, SHORT)
+    assert subject is hiding.TRUTH and not refused.adds_effect
+    assert refused.why == "with it the simulation of wild_1 is unstable"
+
+
+@pytest.mark.parametrize("number", [3, 4])
+def test_an_event_with_an_unstable_simulation_is_refused_before_the_search(
+    number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One event chooses, the next one is reported."""
+    cases = list(hiding.events(9))
+    cases[number] = wild(cases[number])
+    monkeypatch.setattr(trace_module, "one_round", lambda *_: pytest.fail("the search began"))
+    monkeypatch.setattr(trace_module, "refitted", lambda *_: hiding.TRUTH)
+    with pytest.raises(UnstableSimulation, match=r"^wild_1: .* is unstable; the seat reads up to \d+ m/s\^2: look for"):
+        trace(cases[:3], cases[3:], hiding.TRUTH, SHORT, 1)
+
+
+def test_a_further_round_that_is_unstable_leaves_the_effects_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the first round there is nothing to leave."""
+    outcomes = [SimpleNamespace(chosen=SimpleNamespace(prior_scale=1.0), adds_effect=True, after=0.9)]
+
+    def one_round(*_: object) -> SimpleNamespace:
+        if not outcomes:
+            raise UnstableSimulation("road_1: it runs away")
+        return outcomes.pop()
+
+    monkeypatch.setattr(trace_module, "one_round", one_round)
+    monkeypatch.setattr(trace_module, "_with_joint_refit", lambda subject, outcome, *_: (f"{subject}+", outcome))
+    found, ended = trace_module._rounds("body", ([], [], []), SHORT, 7, None, None, None)
+    assert [subject for subject, _ in found] == ["body+"]
+    assert ended == "no further effect was searched for: road_1: it runs away"
+    with pytest.raises(UnstableSimulation):
+        trace_module._rounds("body", ([], [], []), SHORT, 7, None, None, None)
 
 
 def test_nothing_hidden_is_no_effect() -> None:
@@ -499,6 +553,16 @@ def test_likely_sensor_faults_are_reported_beside_a_cause() -> None:
     assert (found.source, found.explains, found.gain) == ("gyro", False, None)
 
 
+def test_a_tilt_is_listed_once_whether_the_subject_stores_it_or_not() -> None:
+    """By the gyro it is a finding of its own; a cause that is not stored has the value of the gyro."""
+    by_gyro, by_fit = applied("tilt", "neck", lean_x=0.1), applied("tilt", "neck", lean_x=0.02)
+    assert _not_stored([by_gyro], [by_fit], []) == (by_gyro,)
+    assert _not_stored([by_gyro], [by_fit], [by_fit]) == ()
+    assert _not_stored([by_gyro], [applied("tilt", "head")], []) == ()
+    (found,) = _sensors(a_round({"tilt": 1.0}, row("tilt", "neck", 1.0)), [by_gyro], [by_fit], 0.5)
+    assert (found.source, found.explains) == ("gyro", True)
+
+
 @pytest.mark.parametrize(
     ("after", "scale", "adds", "count"),
     [
@@ -519,8 +583,8 @@ def test_rounds_end_when_one_adds_nothing_or_the_prediction_is_good(after, scale
     monkeypatch.setattr(trace_module, "one_round", one_round)
     monkeypatch.setattr(trace_module, "_with_joint_refit", lambda subject, outcome, *_: (f"{subject}+", outcome))
     s = dataclasses.replace(SHORT, most_effects=3, enough=0.5)
-    found = trace_module._rounds("body", [], [], s, 7, None, None, None)
-    assert [subject for subject, _ in found] == ["body+", "body++", "body+++"][:count]
+    found, ended = trace_module._rounds("body", ([], [], []), s, 7, None, None, None)
+    assert [subject for subject, _ in found] == ["body+", "body++", "body+++"][:count] and not ended
     assert asked == [("body", 7, 0.0), ("body+", 8, s.named_from), ("body++", 9, s.named_from)][:count]
 
 

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.base.arrays import Floats
+from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, N_SEGMENTS
 from biodyn_core.body.model import Chain, Stepper
 from biodyn_core.body.subject import Subject
@@ -17,6 +18,10 @@ from biodyn_core.identification.problem import Case
 
 RUNAWAY_MPS2: Final = 1e5
 """A larger acceleration, of 10,000 g, means that the simulation is unstable."""
+
+
+class UnstableSimulation(InputError):
+    """The simulation of a fitted subject is unstable in an event."""
 
 
 def answer(subject: Subject, case: Case, effects: Sequence[AppliedEffect] = (), plain: Floats | None = None) -> Floats:
@@ -30,8 +35,26 @@ def answer(subject: Subject, case: Case, effects: Sequence[AppliedEffect] = (), 
         whole[:, MEASURED_SEGMENT_INDEX] = plain
         return apply_to_sensors(effects, whole, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]
     (found,) = answers(dataclasses.replace(subject, effects=(*subject.effects, *effects)), [case])
-    unstable = not np.abs(found).max() < RUNAWAY_MPS2  # also for NaN
-    return plain if unstable and plain is not None else found
+    return plain if plain is not None and not is_stable(found) else found
+
+
+def is_stable(answered: Floats) -> bool:
+    """Whether an answer (n, 5) comes from a stable simulation."""
+    return bool(np.abs(answered).max() < RUNAWAY_MPS2)  # False for NaN
+
+
+def first_unstable(subject: Subject, cases: Sequence[Case]) -> Case | None:
+    """The first case in which the simulation of a subject is unstable; None without any."""
+    return next((case for case, one in zip(cases, answers(subject, cases), strict=True) if not is_stable(one)), None)
+
+
+def check_stable(subject: Subject, cases: Sequence[Case]) -> None:
+    """Raise UnstableSimulation, an InputError, for the first case in which the simulation of a subject is unstable."""
+    if (case := first_unstable(subject, cases)) is not None:
+        raise UnstableSimulation(
+            f"{case.name}: the simulation with the fitted parameters is unstable; the seat reads up to"
+            f" {np.abs(case.seat_mps2).max():.0f} m/s^2: look for outliers or a wrong unit, or leave the recording out"
+        )
 
 
 def answers(subject: Subject, cases: Sequence[Case]) -> list[Floats]:

@@ -22,7 +22,7 @@ from biodyn_core.identification.objectives import PENALTY, RegularizationTerm, T
 from biodyn_core.identification.phase2 import interior, mapped, slope_by_phi, trust_region
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import Clocks
-from biodyn_core.tracing.answers import RUNAWAY_MPS2, answers
+from biodyn_core.tracing.answers import answers, first_unstable
 from biodyn_core.tracing.nuisance_model import FREE
 from biodyn_core.tracing.settings import JointRefitSettings
 
@@ -140,7 +140,7 @@ def general_starts(
 def _stable(subject: Subject, cases: Sequence[Case], halvings: int) -> Subject:
     """The subject, with weaker strengths of its last effect if its simulation is unstable."""
     for _ in range(halvings):
-        if all(np.abs(one).max() < RUNAWAY_MPS2 for one in answers(subject, cases)) or not subject.effects:
+        if first_unstable(subject, cases) is None or not subject.effects:
             break
         *others, last = subject.effects
         subject = dataclasses.replace(subject, effects=(*others, _scaled(last, 0.5)))

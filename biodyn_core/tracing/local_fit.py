@@ -7,7 +7,7 @@ small effect hardly changes, so a step costs one simulation for each parameter o
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -216,18 +216,33 @@ class _Problem:
     def stable(self, at: _Point) -> tuple[_Point, Floats]:
         """The first of this point and weaker ones that is stable in the events for choosing, and its residual there.
 
-        residual_square (w,): by window. This point if none is stable, or all weaker ones fit worse than no effect.
+        residual_square (w,): by window. Without an effect a weaker point has a smaller change of theta. This point if
+        none is stable, or all weaker ones fit worse than no effect.
         """
-        square = simulated_products(self._nuisance.choose, at.subject).residual_square(at.b)
-        if square.max() < RUNAWAY_MPS2**2 or not self._has_strength:
+        square = self._residual_square(at)
+        if square.max() < RUNAWAY_MPS2**2:
             return at, square
-        for share in self._settings.weaker_ends:
+        for tried in self._weaker_points(at):
+            found = self._residual_square(tried)
+            if found.max() < RUNAWAY_MPS2**2:
+                return tried, found
+        return at, square
+
+    def _residual_square(self, at: _Point) -> Floats:
+        """The residual of a point in the events for choosing, by window (w,)."""
+        return simulated_products(self._nuisance.choose, at.subject).residual_square(at.b)
+
+    def _weaker_points(self, at: _Point) -> Iterator[_Point]:
+        """Points with a smaller strength of the effect, as long as they fit better than no effect.
+
+        Without an effect, points with a smaller change of theta, down to the fitted subject itself.
+        """
+        if self._template is None:
+            yield from (self.at(share * at.delta, at.psi) for share in (*self._settings.weaker_ends, 0.0))
+        for share in self._settings.weaker_ends if self._has_strength else ():
             tried = self.at(at.delta, self._weaker(self.applied(at.psi), share), at.slopes)
             if tried.objective < self._without:
-                found = simulated_products(self._nuisance.choose, tried.subject).residual_square(tried.b)
-                if found.max() < RUNAWAY_MPS2**2:
-                    return tried, found
-        return at, square
+                yield tried
 
     def step(self, at: _Point, slopes: Sequence[Floats]) -> tuple[Floats, Floats]:
         """The Gauss-Newton solution from here: delta (14,) and psi (p,)."""

@@ -51,9 +51,12 @@ BANDWIDTH_HZ: Final = 100.0
 
 def build_result(
     given: Subject, before: Subject, after: Subject, outcomes: Sequence[Outcome], uses: Sequence[Sequence[Case]],
-    s: TraceSettings, left_out: Sequence[str], seed: int,
+    s: TraceSettings, left_out: Sequence[str], seed: int, ended: str = "",
 ) -> Trace:  # fmt: skip
-    """The result of a trace with rounds; uses are the events for fitting, for choosing and for reporting."""
+    """The result of a trace with rounds; uses are the events for fitting, for choosing and for reporting.
+
+    ended: why no further round was possible, empty if one was.
+    """
     train, choose, report = uses
     first = outcomes[0]
     verdict = verdict_of(first.round, s.named_from)
@@ -61,7 +64,7 @@ def build_result(
     tilts = sensor_tilts([*train, *choose], s.nuisance.typical.usual_lean, s.tilt)  # nothing is decided by a report
     added = after.effects[len(before.effects) :]
     causes = tuple(one.round.chosen.applied for one in outcomes if one.round.chosen is not None)
-    tilted = tuple(one for one in tilts if any(_same(one, cause) for cause in causes))
+    tilted = _not_stored(tilts, causes, added)
     not_added = _not_added(outcomes, tilted)
     rivals = tuple(one.applied for one in first.round.rivals)
     best = first.round.chosen or max(first.round.ranking, key=lambda one: (one.steady, one.gain))
@@ -73,6 +76,7 @@ def build_result(
             *_why_not_added(outcomes, tilted),
             *map(_is_tilted, tilted),
             *_on_bounds(added),
+            *([ended] if ended else []),
         ),
         given=given,
         before=before,
@@ -113,8 +117,16 @@ def _further(s: TraceSettings) -> tuple[FurtherRecordings, ...]:
     return model.further if model.power.named_from == s.named_from else ()
 
 
-def _same(one: AppliedEffect, other: AppliedEffect) -> bool:
-    return one.effect is other.effect and one.site == other.site
+def _is_among(one: AppliedEffect, others: Sequence[AppliedEffect]) -> bool:
+    """Whether others have the same effect at the same site."""
+    return any(one.effect is other.effect and one.site == other.site for other in others)
+
+
+def _not_stored(
+    tilts: Sequence[AppliedEffect], causes: Sequence[AppliedEffect], added: Sequence[AppliedEffect]
+) -> tuple[AppliedEffect, ...]:
+    """The tilts by gyros that are causes, without those that the subject stores because a part of them remained."""
+    return tuple(one for one in tilts if _is_among(one, causes) and not _is_among(one, added))
 
 
 def _is_tilted(one: AppliedEffect) -> str:
@@ -127,7 +139,7 @@ def _is_tilted(one: AppliedEffect) -> str:
 def _not_added(outcomes: Sequence[Outcome], tilted: Sequence[AppliedEffect]) -> tuple[AppliedEffect, ...]:
     """The chosen effects that the subject does not get, without the tilts by gyros."""
     fits = [one.chosen.applied for one in outcomes if one.chosen is not None and not one.adds_effect]
-    return tuple(one for one in fits if one is not None and not any(_same(one, tilt) for tilt in tilted))
+    return tuple(one for one in fits if one is not None and not _is_among(one, tilted))
 
 
 def _why_not_added(outcomes: Sequence[Outcome], tilted: Sequence[AppliedEffect]) -> list[str]:

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from biodyn_core.base.errors import InputError
 from biodyn_core.base.parallel import ParallelMap, serial_map
 from biodyn_core.body.parameters import Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect
 from biodyn_core.identification.identify import fingerprint
 from biodyn_core.identification.problem import Case
+from biodyn_core.tracing.answers import UnstableSimulation
 from biodyn_core.tracing.beside import Beside, answered, beside
 from biodyn_core.tracing.candidate import Candidate
 from biodyn_core.tracing.choice import choose
@@ -133,16 +133,16 @@ def search(
     """Fit all candidates: each to few events, the best ones to all events."""
     first = (first_of_each(train), first_of_each(held))
     few = _most_probable(NuisanceModel.of(subject, *first, settings.nuisance, parallel), settings)
-    candidates = all_candidates(subject, [*train, *held])
-    preliminary = _preliminary(few, candidates, settings, seed, on_stage, checkpoint, parallel)
     nuisance = _most_probable(NuisanceModel.of(subject, train, held, settings.nuisance, parallel), settings)
     without_effect = WithoutEffect(nuisance, settings.local_fit)
     without = without_effect.at(nuisance.prior_scale)
-    if not np.isfinite(without.objective):
-        names = ", ".join(case.name for case in held)
-        raise InputError(
-            f"{subject.name}: the simulation is unstable in one of {names}; look for outliers, leave it out"
+    if not np.isfinite(without.objective):  # known before the long stages
+        raise UnstableSimulation(
+            f"{subject.name}: the simulation is unstable near the fitted parameters in one of"
+            f" {', '.join(case.name for case in (*train, *held))}; look for outliers, leave it out"
         )
+    candidates = all_candidates(subject, [*train, *held])
+    preliminary = _preliminary(few, candidates, settings, seed, on_stage, checkpoint, parallel)
     screening = preliminary.screening
     fitted = _fitted(few, preliminary, without_effect, settings, on_stage, parallel)
     gains = beside(nuisance, {one.key: answered(nuisance, one.best_fit.local.subject) for one in fitted})
@@ -209,8 +209,12 @@ def _preliminary(
     few: NuisanceModel, candidates: Sequence[Candidate], settings: TraceSettings, seed: int, on_stage: OnStage,
     checkpoint: Checkpoint | None, parallel: ParallelMap,
 ) -> PreliminaryFits:  # fmt: skip
-    """The stored preliminary fits of the same events, theta, channels and settings, or new ones, which are stored."""
-    key = f"preliminary {fingerprint([*few.train.cases, *few.choose.cases], few.subject, seed, settings)}"
+    """The stored preliminary fits of the same events, theta, candidates and settings, or new ones, which are stored.
+
+    The starts of candidates follow from all events, also from those that are not in `few`.
+    """
+    tried = [(one.key, one.strength, sorted(one.start.values.items())) for one in candidates]
+    key = f"preliminary {fingerprint([*few.train.cases, *few.choose.cases], few.subject, seed, (settings, tried))}"
     if checkpoint is not None and key in checkpoint:
         return from_checkpoint(checkpoint[key], candidates)
     found = preliminary_fits(few, candidates, seed, on_stage, settings, parallel)

@@ -15,7 +15,7 @@ from biodyn_core.identification.fit import fit_joint, mean_percent
 from biodyn_core.identification.identify import fingerprint
 from biodyn_core.identification.problem import Case, errors
 from biodyn_core.tracing import data_checks
-from biodyn_core.tracing.answers import answer
+from biodyn_core.tracing.answers import UnstableSimulation, answer, check_stable, first_unstable
 from biodyn_core.tracing.findings import Trace
 from biodyn_core.tracing.joint_refit import generalised, jointly_refitted
 from biodyn_core.tracing.preliminary_fit import OnStage
@@ -27,6 +27,8 @@ from biodyn_core.tracing.settings import TraceSettings
 NO_BETTER: Final = (
     "without nuisance parameters the error of the events for choosing is {:.1f} % before and {:.1f} % with it"
 )
+UNSTABLE: Final = "with it the simulation of {} is unstable"
+NO_FURTHER: Final = "no further effect was searched for: {}"
 
 
 def trace(
@@ -58,11 +60,12 @@ def trace(
     before = refitted(train, subject, s, seed, checkpoint, parallel)
     if lacking:
         return build_undecided(subject, before, uses, lacking, needs, s, left_out, seed)
+    check_stable(before, [*train, *choose, *report])
     known = set(checkpoint or ())
-    rounds = _rounds(before, train, choose, s, seed, on_stage, checkpoint, parallel)
+    rounds, ended = _rounds(before, uses, s, seed, on_stage, checkpoint, parallel)
     outcomes = [outcome for _, outcome in rounds]
     after = rounds[-1][0]
-    found = build_result(subject, before, after, outcomes, uses, s, left_out, seed)
+    found = build_result(subject, before, after, outcomes, uses, s, left_out, seed, ended)
     computed = checkpoint is None or set(checkpoint) != known
     return dataclasses.replace(found, calibrated="anew" if computed else "found")
 
@@ -82,34 +85,44 @@ def refitted(
 
 
 def _rounds(
-    subject: Subject, train: Sequence[Case], choose: Sequence[Case], s: TraceSettings, seed: int, on_stage: OnStage,
+    subject: Subject, uses: Sequence[Sequence[Case]], s: TraceSettings, seed: int, on_stage: OnStage,
     checkpoint: Checkpoint | None, parallel: ParallelMap,
-) -> list[tuple[Subject, Outcome]]:  # fmt: skip
-    """Greedy rounds until one adds nothing; each with the subject after it."""
+) -> tuple[list[tuple[Subject, Outcome]], str]:  # fmt: skip
+    """Greedy rounds until one adds nothing, each with the subject after it; and why no further one was possible.
+
+    uses: events for fitting, for choosing and for reporting.
+    """
     found: list[tuple[Subject, Outcome]] = []
     for number in range(s.most_effects):
         least = s.named_from if found else 0.0  # a further effect has to be named, the first one may be ambiguous
-        outcome = one_round(subject, train, choose, s, seed + number, on_stage, checkpoint, parallel, least)
-        subject, outcome = _with_joint_refit(subject, outcome, train, choose, s)
+        try:
+            outcome = one_round(subject, uses[0], uses[1], s, seed + number, on_stage, checkpoint, parallel, least)
+        except UnstableSimulation as error:
+            if not found:
+                raise
+            return found, NO_FURTHER.format(error)
+        subject, outcome = _with_joint_refit(subject, outcome, uses, s)
         found.append((subject, outcome))
         fit = outcome.chosen
         if fit is None or not outcome.adds_effect:  # another round would find the same cause again
             break
         if outcome.after < s.enough and fit.prior_scale == min(s.local_fit.prior_scales):
             break
-    return found
+    return found, ""
 
 
 def _with_joint_refit(
-    subject: Subject, outcome: Outcome, train: Sequence[Case], choose: Sequence[Case], s: TraceSettings
+    subject: Subject, outcome: Outcome, uses: Sequence[Sequence[Case]], s: TraceSettings
 ) -> tuple[Subject, Outcome]:
     """The subject with the chosen effect, refitted to all events; unchanged if its own prediction is no better.
 
     It is compared with the subject refitted in the same way without the effect, because theta alone may gain by that.
-    The general form of its law stays if it predicts the events for choosing better than the textbook form.
+    The general form of its law stays if it predicts the events for choosing better than the textbook form. A subject
+    whose simulation is unstable in any event is of no use, however well it predicts the others.
     """
     if outcome.chosen is None or not outcome.adds_effect:
         return subject, outcome
+    train, choose, _ = uses
 
     def percent(one: Subject) -> float:
         return mean_percent([errors(case, answer(one, case)) for case in choose])
@@ -121,6 +134,8 @@ def _with_joint_refit(
     fitted = min((textbook, generalised(textbook, train, s.joint_refit, also=[chosen])), key=percent)
     before = min(percent(subject), percent(jointly_refitted(subject, train, s.joint_refit)))
     after = percent(fitted)
-    if after < (1.0 - s.evidence.least_improvement) * before:
-        return fitted, outcome
-    return subject, outcome.refused(NO_BETTER.format(before, after))
+    if not after < (1.0 - s.evidence.least_improvement) * before:
+        return subject, outcome.refused(NO_BETTER.format(before, after))
+    if (unstable := first_unstable(fitted, [case for cases in uses for case in cases])) is not None:
+        return subject, outcome.refused(UNSTABLE.format(unstable.name))
+    return fitted, outcome
