@@ -224,6 +224,14 @@ def test_two_effects_are_found_both_or_one() -> None:
     assert [(mark.reached, mark.met) for mark in found.values()] == [(0.9, True), (0.6, True)]
 
 
+def test_two_effects_of_one_class_need_two_names() -> None:
+    cubic = Cause("cubic", "head", "stiffening")
+    assert cubic.mechanism == STOP.mechanism
+    records = [outcome("two", "effect", named, [STOP, cubic]) for named in ([cubic], [cubic, STOP])]
+    found = judged("two effects", records)
+    assert [mark.reached for mark in found.values()] == [1.0, 0.5]
+
+
 def test_a_row_with_too_few_records_misses_its_marks() -> None:
     records = [outcome("two", "effect", [SKIN, STOP], [SKIN, STOP])] * 39
     assert not any(mark.met for mark in judged("two effects", records, least=40).values())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -243,8 +244,11 @@ class Outcome:
 
     @property
     def found(self) -> int:
-        """The number of true classes among the named effects."""
-        return len(self.true_names & {cause.mechanism for cause in self.answer.effects}) if self.single else 0
+        """The number of hidden effects whose class is named; two effects of one class need two names."""
+        if not self.single:
+            return 0
+        true, named = (Counter(one.mechanism for one in each) for each in (self.score.causes, self.answer.effects))
+        return (true & named).total()
 
     @property
     def true_class_result(self) -> str:

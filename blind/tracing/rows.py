@@ -138,7 +138,7 @@ def _set_size(one: Outcome) -> float | None:
 
 
 def _both_found(one: Outcome) -> float:
-    return one.found == len(one.true_names)
+    return one.found == len(one.score.causes)
 
 
 def _one_found(one: Outcome) -> float:
