@@ -16,11 +16,12 @@ from test_probability import EVIDENCE, random_model
 
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.tracing.features import BODY_NAMES, CANDIDATE_NAMES, Features
+from biodyn_core.tracing.findings import NamedBodies
 from biodyn_core.tracing.probability import NONE, OUTSIDE
 from blind.tracing.outcome import Cause
 from blind.tracing.reliability import calibration_error
 from blind.training import calibrate, collect, learn
-from blind.training.calibrate import FOLDS, Learned, Prediction, fold_of
+from blind.training.calibrate import Learned, Prediction
 from blind.training.collect import Example, archive_of, examples, pack
 from blind.training.ideal import IdealDecision
 from blind.training.learn import EFFECTS, Design, Labelled, _loss, _Scales, chances, labelled, learned_weights
@@ -169,23 +170,26 @@ def test_no_model_answers_a_form_that_it_learned(bodies: list[Labelled], monkeyp
 
     monkeypatch.setattr(calibrate, "learned_weights", noted)
     monkeypatch.setattr(calibrate.Design, "of", staticmethod(lambda given: {f for one in given for f in one.forms}))
-    calibrate.cross_weights(bodies, 1.0)
-    answered = [{form for one in bodies if fold_of(one) == fold for form in one.forms} for fold in range(FOLDS)]
+    bodies = [*bodies, *(dataclasses.replace(one, forms=(*one.forms, "form 3")) for one in bodies[:40])]
+    folds = calibrate.every_fold(bodies)
+    assert {len(one) for one in folds} == {1, 2}, "two forms may lie in two folds"
+    calibrate.cross_weights(bodies, 1.0, folds)
+    answered = [{form for one in bodies if calibrate.folds_of(one) == each for form in one.forms} for each in folds]
     assert all(answered) and not any(a & b for a, b in zip(learned, answered, strict=True))
     assert all(a or not b for a, b in itertools.combinations(answered, 2))
 
 
 def test_too_sure_weights_have_a_temperature(bodies: list[Labelled]) -> None:
-    weights = calibrate.cross_weights(bodies, 0.3)
+    weights = calibrate.cross_weights(bodies, 0.3, calibrate.every_fold(bodies))
     once = calibrate.temperature_of(bodies, weights)
     assert once == pytest.approx(1.0, abs=0.25)
-    twice = [
-        dataclasses.replace(
+    twice = {
+        folds: dataclasses.replace(
             one, of_candidates=2 * one.of_candidates, of_effects=2 * one.of_effects, none=2 * one.none,
             outside=2 * one.outside,
         )
-        for one in weights
-    ]  # fmt: skip
+        for folds, one in weights.items()
+    }  # fmt: skip
     assert calibrate.temperature_of(bodies, twice) == pytest.approx(2.0 * once, rel=0.01)
 
 
@@ -205,8 +209,7 @@ def test_nine_of_ten_right_answers_reach_the_threshold_of_the_set() -> None:
 def test_drawn_bodies_are_calibrated_and_covered(bodies: list[Labelled]) -> None:
     """On bodies that were neither learned from nor calibrated on."""
     model = calibrate.learned(bodies[:1000], [], {}, 0.8).model
-    fresh = [dataclasses.replace(one, background=("new",)) for one in bodies[1000:]]
-    found = calibrate.beyond([*bodies[:1000], *fresh], "new", model)
+    found = calibrate.answers(bodies[1000:], model.weights, model.temperature)
     assert calibration_error([(one.p, one.best in one.right) for one in found]) < 0.06
     covered = np.mean([bool(set(one.likely(model.set_threshold)) & set(one.right)) for one in found])
     assert 0.86 < covered < 0.95
@@ -228,23 +231,22 @@ def test_the_decision_with_true_laws_does_not_see_what_gives_a_true_law_away() -
     assert IdealDecision.of(labels, []).cross_validated() == []
 
 
-def test_the_power_follows_the_ratio() -> None:
-    """Drawn from a logistic curve over the ratio alone."""
-    rng = np.random.default_rng(8)
+def test_named_bodies_are_counted_around_their_ratio() -> None:
+    """Within half an octave, one effect of the catalogue, amid a background."""
     label = labelled(example(FRICTION))[0]
-    found = []
-    for _ in range(3000):
-        x = rng.uniform(-1.0, 1.0)
-        p = 0.95 if rng.uniform() < 1.0 / (1.0 + np.exp(-(-0.5 + 4.0 * x))) else 0.6
-        one = dataclasses.replace(label, ratio=10.0**x, samples=float(rng.uniform(50.0, 200.0)))
-        found.append(Prediction(one, {"dry_friction": p, NONE: 1.0 - p}, ("dry_friction",)))
-    for ratio in (float("nan"), 0.0):  # unknown; an effect that changes nothing
-        one = dataclasses.replace(label, ratio=ratio)
-        found.append(Prediction(one, {"dry_friction": 1.0}, ("dry_friction",)))
-    power = calibrate.power(found, 0.8)
-    for ratio in (0.3, 1.0, 3.0):
-        expected = 1.0 / (1.0 + np.exp(-(-0.5 + 4.0 * np.log10(ratio))))
-        assert power.named(ratio, 100.0) == pytest.approx(expected, abs=0.05)
+    sure, unsure = {"dry_friction": 0.9, NONE: 0.1}, {"dry_friction": 0.7, NONE: 0.3}
+
+    def body(ratio: float, answers: dict[str, float] = sure, **changed: object) -> Prediction:
+        return Prediction(dataclasses.replace(label, ratio=ratio, **changed), answers, ("dry_friction",))
+
+    found = [
+        body(0.36), body(0.7), body(0.5, unsure), body(0.35), body(0.72), body(1.4), body(1.42, unsure),
+        body(0.5, background=()), body(0.5, mechanism=""), body(0.5, forms=("one", "other")),
+        body(float("nan")), body(0.0), body(1.0, {"skin": 0.9, NONE: 0.1}),
+    ]  # fmt: skip
+    assert calibrate.named_bodies(found, 0.8) == (
+        NamedBodies(0.5, 3, 2), NamedBodies(1.0, 3, 2), NamedBodies(2.0, 1, 0), NamedBodies(4.0, 0, 0),
+    )  # fmt: skip
 
 
 # --- page and files --------------------------------------------------------------------------------------------------

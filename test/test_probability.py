@@ -15,13 +15,12 @@ from biodyn_core.effects import CATALOGUE
 from biodyn_core.tracing import probability, results
 from biodyn_core.tracing.evidence import BodyEvidence, CandidateEvidence, Evidence, FitEvidence
 from biodyn_core.tracing.features import BODY_NAMES, CANDIDATE_NAMES, LEAST_GAIN, SAMPLES, Features, features
-from biodyn_core.tracing.findings import FurtherRecordings
+from biodyn_core.tracing.findings import FurtherRecordings, NamedBodies
 from biodyn_core.tracing.probability import (
     EFFECT_NAMES,
     SHARED_BODY_NAMES,
     VERSION,
     LearnedModel,
-    Power,
     Probabilities,
     Weights,
     learned_from,
@@ -70,7 +69,7 @@ def random_model(seed: int = 3) -> LearnedModel:
         rng.normal(0.0, 0.3, 1 + b),
         rng.normal(0.0, 0.3, 1 + b),
     )
-    return LearnedModel(weights, 1.3, 0.07, Power(0.8, -0.4, 2.0, 0.5), 1.0, {"bodies": 3})
+    return LearnedModel(weights, 1.3, 0.07, 0.8, (NamedBodies(0.5, 20, 1), NamedBodies(1.0, 30, 9)), 1.0, {"bodies": 3})
 
 
 def test_probabilities_are_a_softmax_of_linear_scores() -> None:
@@ -207,8 +206,8 @@ def test_a_learned_model_is_read_as_it_was_written() -> None:
     text = learned_text(model)
     again = learned_from(text, "learned.json")
     assert learned_text(again) == text
-    assert (again.temperature, again.set_threshold, again.power, again.ridge, again.provenance) == (
-        1.3, 0.07, model.power, 1.0, {"bodies": 3},
+    assert (again.temperature, again.set_threshold, again.named_from, again.named, again.ridge, again.provenance) == (
+        1.3, 0.07, 0.8, model.named, 1.0, {"bodies": 3},
     )  # fmt: skip
     np.testing.assert_allclose(again.weights.of_effects, model.weights.of_effects, rtol=1e-4)
     assert again.further == further
@@ -242,10 +241,10 @@ def test_further_recordings_are_stated_for_the_probability_that_they_were_counte
     assert results._further(TraceSettings(named_from=0.7)) == ()
 
 
-def test_the_power_is_a_logistic_curve() -> None:
-    power = Power(0.8, -1.0, 3.0, 0.5)
-    for ratio, samples, x in ((1.0, 100.0, 0.0), (10.0, 100.0, 3.0), (1.0, 1e4, 0.5 * np.log10(SAMPLES[1]) - 1.0)):
-        assert power.named(ratio, samples) == pytest.approx(1.0 / (1.0 + np.exp(-x)))
+def test_bodies_are_counted_for_the_probability_that_names_a_cause(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(results, "packaged", random_model)
+    assert results._named_bodies(TraceSettings(named_from=0.8)) == random_model().named
+    assert results._named_bodies(TraceSettings(named_from=0.7)) == ()
 
 
 def test_more_data_than_any_training_body_count_as_its_limit() -> None:
@@ -278,4 +277,6 @@ def test_the_packaged_model_is_of_this_catalogue() -> None:
     assert set(model.weights.effects) <= set(CATALOGUE) and len(model.weights.effects) > 0.9 * len(CATALOGUE)
     assert 0.3 < model.temperature < 5.0 and 0.0 < model.set_threshold < 0.5
     assert model.provenance["bodies"] > 0 and model.provenance["seed"] is not None
-    assert model.power.by_ratio > 0.0  # a stronger effect is named more often
+    shares = [one.named / one.bodies for one in model.named]
+    assert [one.ratio for one in model.named[:2]] == [0.5, 1.0] and min(one.bodies for one in model.named) >= 30
+    assert shares[0] < shares[1] < shares[2]  # a stronger effect is named more often

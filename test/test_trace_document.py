@@ -17,7 +17,7 @@ from biodyn_core.body.parameters import PARAMETERS, UNFITTED, Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.tracing.findings import (
-    NamingPower,
+    NamedBodies,
     Verdict,
 )
 from biodyn_ros.reading.provenance import Source
@@ -58,7 +58,10 @@ def test_the_document_has_the_probability_of_every_answer() -> None:
     assert [one["probability"] for one in only["candidates"]] == [0.45, 0.25, 0.15, 0.02, 0.0]
     assert [one["remarks"] for one in only["candidates"]] == [[], ["improves 2 of 3 events"], [], [], []]
     assert (document["named_from"], document["power"]) == (0.8, None)
-    assert trace_document(Report(found("none")))["power"] == 0.7
+    assert document["named_in_simulation"] == []
+    of_none = trace_document(Report(found("none")))
+    assert of_none["power"] == 3 / 40
+    assert of_none["named_in_simulation"][1] == {"ratio": 1.0, "bodies": 30, "named": 12}
     section = (Path(__file__).parent.parent / "docs" / "files.md").read_text().split("## trace.json")[1]
     answers = {effect.mechanism for effect in CATALOGUE.values()} | {"none", "outside"}
     assert {answer for answer in answers if f"`{answer}`" not in section} == set()
@@ -111,7 +114,7 @@ def test_documents_have_no_nan(verdict: Verdict) -> None:
     )  # fmt: skip
     for trace in (
         found(verdict),
-        found(verdict, diagnostics=lost, floor_percent=NAN, p_value=NAN, power=NamingPower(0.5, NAN)),
+        found(verdict, diagnostics=lost, floor_percent=NAN, p_value=NAN, named_bodies=(NamedBodies(0.5, 0, 0),)),
     ):
         document = trace_document(Report(trace))
         json.dumps(document, allow_nan=False)

@@ -229,11 +229,15 @@ class Diagnostics:
 
 
 @dataclass(frozen=True)
-class NamingPower:
-    """The share of such recordings in which an effect of this ratio is named."""
+class NamedBodies:
+    """How many simulated bodies with an effect amid a background have it named.
+
+    ratio: of the effects, within half an octave.
+    """
 
     ratio: float
-    share: float
+    bodies: int
+    named: int
 
 
 @dataclass(frozen=True)
@@ -259,8 +263,8 @@ class Trace:
     floor_percent: error by sensor noise alone, None if unknown. untestable: effects that lack a channel. left_out:
     events or sensors that are not used, with the reason. experiment: the next recordings. calibrated: whether the
     screening was computed or read from an earlier trace. nuisance: largest multiple first. named_from: probability from
-    which one cause is named. power: None if unknown or if an effect is missing. further: causes named in simulation
-    from the least data and from more, without a named cause.
+    which one cause is named. named_bodies: causes named in simulation by ratio, for the verdict `none`. further: the
+    same from the least data and from more, without a named cause.
     """
 
     verdict: Verdict
@@ -278,7 +282,7 @@ class Trace:
     effects: tuple[AppliedEffect, ...] = ()
     intervals: tuple[tuple[Interval, ...], ...] = ()
     ambiguous_with: tuple[AppliedEffect, ...] = ()
-    power: NamingPower | None = None
+    named_bodies: tuple[NamedBodies, ...] = ()
     further: tuple[FurtherRecordings, ...] = ()
     family: str = ""
     rounds: tuple[Round, ...] = ()

@@ -21,10 +21,10 @@ from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.tracing.evidence import Evidence
-from biodyn_core.tracing.features import BODY_NAMES, CANDIDATE_NAMES, SAMPLES, Features, features
-from biodyn_core.tracing.findings import FurtherRecordings
+from biodyn_core.tracing.features import BODY_NAMES, CANDIDATE_NAMES, Features, features
+from biodyn_core.tracing.findings import FurtherRecordings, NamedBodies
 
-VERSION: Final = 3
+VERSION: Final = 4
 """Of the learned file: it changes with the features and with its keys."""
 
 NONE: Final = "none"
@@ -59,38 +59,21 @@ class Weights:
     outside: Floats
 
 
-@dataclass(frozen=True)
-class Power:
-    """The share of bodies whose effect is named: a logistic curve over log10 of its ratio and of the samples.
-
-    named_from: the probability from which a cause counts as named.
-    """
-
-    named_from: float
-    constant: float
-    by_ratio: float
-    by_samples: float
-
-    def named(self, ratio: float, samples: float) -> float:
-        """The share at a ratio, with so many independent samples for fitting, within `SAMPLES`."""
-        x = self.constant + self.by_ratio * np.log10(ratio) + self.by_samples * np.log10(np.clip(samples, *SAMPLES))
-        return float(1.0 / (1.0 + np.exp(-x)))
-
-
 @dataclass(frozen=True, eq=False)
 class LearnedModel:
     """Weights with their calibration.
 
     temperature divides all scores. set_threshold: an answer belongs to the 90 % set if its probability is at least
-    this (split conformal prediction). power: the curve of named effects over their ratio. ridge: the precision of the
-    weights' prior. provenance: seed, bodies, commit and scores of the training. further: the same bodies from the least
-    data, the first, and from more of several kinds.
+    this (split conformal prediction). named: bodies of the training whose effect is named from the probability
+    `named_from`, by ratio. ridge: the precision of the weights' prior. provenance: seed, bodies, commit and scores of
+    the training. further: the same bodies from the least data, the first, and from more of several kinds.
     """
 
     weights: Weights
     temperature: float
     set_threshold: float
-    power: Power
+    named_from: float
+    named: tuple[NamedBodies, ...]
     ridge: float
     provenance: Mapping[str, Any]
     further: tuple[FurtherRecordings, ...] = ()
@@ -157,7 +140,8 @@ def learned_from(text: str, name: str) -> LearnedModel:
             weights,
             float(stored["temperature"]),
             float(stored["set_threshold"]),
-            Power(**stored["power"]),
+            float(stored["named_from"]),
+            tuple(NamedBodies(**each) for each in stored["named"]),
             float(stored["ridge"]),
             stored["provenance"],
             tuple(FurtherRecordings(**each) for each in stored["further"]),
@@ -176,7 +160,8 @@ def learned_text(model: LearnedModel) -> str:
         "provenance": model.provenance,
         "temperature": model.temperature,
         "set_threshold": model.set_threshold,
-        "power": dataclasses.asdict(model.power),
+        "named_from": model.named_from,
+        "named": [dataclasses.asdict(each) for each in model.named],
         "ridge": model.ridge,
         "further": [dataclasses.asdict(each) for each in model.further],
         "weights": {

@@ -20,7 +20,7 @@ from biodyn_core.tracing.findings import (
     ComparedEvent,
     FurtherRecordings,
     Interval,
-    NamingPower,
+    NamedBodies,
     Need,
     NuisanceValue,
     RankedCandidate,
@@ -68,7 +68,6 @@ def build_result(
     not_added = _not_added(outcomes, tilted)
     rivals = tuple(one.applied for one in first.round.rivals)
     best = first.round.chosen or max(first.round.ranking, key=lambda one: (one.steady, one.gain))
-    samples = first.nuisance.independent_samples
     return Trace(
         verdict=verdict,
         reasons=(
@@ -84,7 +83,7 @@ def build_result(
         effects=(*tilted, *added, *not_added),
         intervals=(*(() for _ in tilted), *_intervals(outcomes, added), *(() for _ in not_added)),
         ambiguous_with=rivals,
-        power=_power(samples, s) if verdict == "none" else None,
+        named_bodies=_named_bodies(s) if verdict == "none" else (),
         further=_further(s) if verdict != "effect" else (),
         family=_family([*causes[:1], *rivals]),
         experiment=separating([one.effect for one in (*causes[:1], *rivals)]),
@@ -105,16 +104,16 @@ def build_result(
     )
 
 
-def _power(samples: float, s: TraceSettings) -> NamingPower | None:
-    """The share of such recordings in which an effect is named; None for a probability that it was not learned for."""
-    power, ratio = packaged().power, s.report.power_ratio
-    return NamingPower(ratio, power.named(ratio, samples)) if power.named_from == s.named_from else None
+def _named_bodies(s: TraceSettings) -> tuple[NamedBodies, ...]:
+    """The bodies of the training with their effect named; empty for a probability that they were not counted for."""
+    model = packaged()
+    return model.named if model.named_from == s.named_from else ()
 
 
 def _further(s: TraceSettings) -> tuple[FurtherRecordings, ...]:
     """The causes that further recordings name in simulation; empty for a probability that it was not counted for."""
     model = packaged()
-    return model.further if model.power.named_from == s.named_from else ()
+    return model.further if model.named_from == s.named_from else ()
 
 
 def _is_among(one: AppliedEffect, others: Sequence[AppliedEffect]) -> bool:

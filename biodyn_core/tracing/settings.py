@@ -275,8 +275,6 @@ class MissingForceSettings:
 class ReportSettings:
     """Facts beside the verdict."""
 
-    power_ratio: float = 0.5
-    """Ratio of the effect whose power is stated with the verdict `none`."""
     likely_fault: float = 0.05
     """A sensor fault with at least this probability is reported."""
     noise_band_hz: tuple[float, float] = (60.0, 85.0)

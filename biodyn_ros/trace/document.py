@@ -18,6 +18,7 @@ from biodyn_core.tracing.findings import (
     Diagnostics,
     ForceProfile,
     Interval,
+    NamedBodies,
     RankedCandidate,
     RestoringForce,
     Round,
@@ -73,7 +74,8 @@ def trace_document(report: Report) -> Document:
         "floor": known(trace.floor_percent),
         "p_value": known(trace.p_value),
         "named_from": known(trace.named_from),
-        "power": known(trace.power.share) if trace.power is not None else None,
+        "power": _share(trace.named_bodies[0]) if trace.named_bodies else None,
+        "named_in_simulation": [dataclasses.asdict(each) for each in trace.named_bodies],
         "calibrated": trace.calibrated,
         "candidates": [_candidate(candidate) for candidate in first],
         "rounds": [_round(each) for each in trace.rounds],
@@ -183,6 +185,10 @@ def _sensor(found: SensorFinding) -> Document:
 def _interval(interval: Interval) -> Document:
     value, lower, upper = (finite(each) for each in (interval.value, interval.lower, interval.upper))
     return {"value": value, "unit": interval.unit, "lower": lower, "upper": upper}
+
+
+def _share(one: NamedBodies) -> float | None:
+    return one.named / one.bodies if one.bodies else None
 
 
 def _candidate(candidate: RankedCandidate) -> Document:

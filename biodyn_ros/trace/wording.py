@@ -81,7 +81,7 @@ def reliability(trace: Trace) -> str:
         "none": "A smaller effect may be present.",
         "unexplained": "The cause is an effect or a site outside the catalogue, or the measurement: see the residual.",
     }
-    return " ".join([*_probable(trace), *_power(trace), limits[trace.verdict]])
+    return " ".join([*_probable(trace), *_named_bodies(trace), limits[trace.verdict]])
 
 
 def chance(trace: Trace) -> str:
@@ -297,13 +297,13 @@ def _probable(trace: Trace) -> Iterator[str]:
         yield f"The probability of the mechanism {in_words(best)} is {shown}{site}."
 
 
-def _power(trace: Trace) -> Iterator[str]:
-    """How often a recording like these would have named an effect."""
-    power = trace.power
-    if power is not None and known(power.share) is not None:
-        share = power.share
-        shown = "more than 99" if share >= 0.995 else "less than 1" if share < 0.005 else f"{100.0 * share:.0f}"
-        yield f"An effect of ratio {power.ratio:g} would have been named in {shown} % of such recordings."
+def _named_bodies(trace: Trace) -> Iterator[str]:
+    """How often effects of several sizes were named in simulation."""
+    if trace.named_bodies:
+        first, *others = trace.named_bodies
+        counts = [f"{first.named} of {first.bodies} bodies with a ratio of {first.ratio:g}"]
+        counts += [f"{one.named} of {one.bodies} with {one.ratio:g}" for one in others]
+        yield f"In simulation an effect was named in {', in '.join(counts)}."
 
 
 def record_next(trace: Trace) -> list[str]:

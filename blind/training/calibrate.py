@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from biodyn_core.effects import CATALOGUE
-from biodyn_core.tracing.features import SAMPLES
-from biodyn_core.tracing.probability import NONE, OUTSIDE, LearnedModel, Power, Probabilities, Weights, likely
+from biodyn_core.tracing.findings import NamedBodies
+from biodyn_core.tracing.probability import NONE, OUTSIDE, LearnedModel, Probabilities, Weights, likely
 from blind.training.learn import Design, Labelled, chances, learned_weights
 
 Floats = NDArray[np.float64]
@@ -21,6 +21,8 @@ Floats = NDArray[np.float64]
 FOLDS: Final = 6
 COVERAGE: Final = 0.9
 RIDGES: Final = (10.0, 30.0, 100.0, 300.0, 1000.0)
+RATIOS: Final = (0.5, 1.0, 2.0, 4.0)
+"""Ratios of effects at which named bodies are counted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,37 +66,47 @@ class Prediction:
         return max((self.answers.get(name, 0.0) for name in self.right), default=0.0)
 
 
-def fold_of(one: Labelled) -> int:
-    """The fold of an example: that of its first form, else by its number."""
-    return _fold(one.forms[0]) if one.forms else one.number % FOLDS
+Folds = frozenset[int]
+
+SINGLE: Final = tuple(frozenset([fold]) for fold in range(FOLDS))
+
+
+def folds_of(one: Labelled) -> Folds:
+    """The folds of an example: those of its forms, else one by its number."""
+    return frozenset(map(_fold, one.forms)) or frozenset([one.number % FOLDS])
 
 
 def _fold(form: str) -> int:
     return zlib.crc32(form.encode()) % FOLDS
 
 
-def cross_weights(examples: Sequence[Labelled], ridge: float) -> list[Weights]:
-    """The weights of each fold: learned from the other bodies, without any form of the fold."""
-    found = []
-    for fold in range(FOLDS):
-        others = [one for one in examples if fold_of(one) != fold and fold not in map(_fold, one.forms)]
-        found.append(learned_weights(Design.of(others), ridge))
-    return found
+def cross_weights(examples: Sequence[Labelled], ridge: float, left_out: Iterable[Folds]) -> dict[Folds, Weights]:
+    """For each set of folds the weights that are learned from the bodies without any of them."""
+    return {
+        folds: learned_weights(Design.of([one for one in examples if not folds & folds_of(one)]), ridge)
+        for folds in left_out
+    }
 
 
-def cross_chances(examples: Sequence[Labelled], weights: Sequence[Weights], temperature: float) -> list[Floats]:
-    """Probabilities (c + 2,) of each example by the weights of its fold."""
+def every_fold(examples: Sequence[Labelled]) -> list[Folds]:
+    """The sets of folds of these examples: two forms may lie in two folds."""
+    return sorted({folds_of(one) for one in examples}, key=sorted)
+
+
+def cross_chances(
+    examples: Sequence[Labelled], weights: Mapping[Folds, Weights], temperature: float
+) -> list[Floats]:  # fmt: skip
+    """Probabilities (c + 2,) of each example by weights that were learned without any of its folds."""
     found: list[Floats] = [np.empty(0)] * len(examples)
-    for fold in range(FOLDS):
-        at = [i for i, one in enumerate(examples) if fold_of(one) == fold]
-        if at:
-            design = Design.of([examples[i] for i in at])
-            for i, p, there in zip(at, chances(design, weights[fold], temperature), design.present, strict=True):
-                found[i] = p[there]
+    for folds in every_fold(examples):
+        at = [i for i, one in enumerate(examples) if folds_of(one) == folds]
+        design = Design.of([examples[i] for i in at])
+        for i, p, there in zip(at, chances(design, weights[folds], temperature), design.present, strict=True):
+            found[i] = p[there]
     return found
 
 
-def temperature_of(examples: Sequence[Labelled], weights: Sequence[Weights]) -> float:
+def temperature_of(examples: Sequence[Labelled], weights: Mapping[Folds, Weights]) -> float:
     """The temperature with the least loss of examples that the weights were not learned from."""
     found = optimize.minimize_scalar(
         lambda log_t: _loss(examples, weights, log_t), bounds=(-1.0, 1.5), method="bounded"
@@ -102,8 +114,8 @@ def temperature_of(examples: Sequence[Labelled], weights: Sequence[Weights]) -> 
     return float(np.exp(found.x))
 
 
-def _loss(examples: Sequence[Labelled], weights: Sequence[Weights], log_t: float) -> float:
-    """The negative log probability of the right mechanisms by the weights of the folds, at the logarithm of T."""
+def _loss(examples: Sequence[Labelled], weights: Mapping[Folds, Weights], log_t: float) -> float:
+    """The negative log probability of the right mechanisms by `cross_chances`, at the logarithm of T."""
     every = cross_chances(examples, weights, float(np.exp(log_t)))
     return -sum(
         one.weight * float(np.log(max(p[one.by_mechanism].sum(), 1e-300)))
@@ -112,10 +124,12 @@ def _loss(examples: Sequence[Labelled], weights: Sequence[Weights], log_t: float
 
 
 def beyond(examples: Sequence[Labelled], kind: str, model: LearnedModel) -> list[Prediction]:
-    """The answers to bodies with a kind of background by weights that were learned from bodies without it."""
+    """The answers to bodies with a kind of background and nothing hidden, by weights from bodies without that kind.
+
+    With an effect the weights would have to lack its form too, in each combination of kind and fold.
+    """
     weights = learned_weights(Design.of([one for one in examples if kind not in one.background]), model.ridge)
-    mine = [one for one in examples if kind in one.background and one.weight == 1.0]
-    return answers(mine, weights, model.temperature)
+    return answers([one for one in examples if kind in one.background and not one.forms], weights, model.temperature)
 
 
 def answers(examples: Sequence[Labelled], weights: Weights, temperature: float) -> list[Prediction]:
@@ -127,8 +141,10 @@ def answers(examples: Sequence[Labelled], weights: Weights, temperature: float) 
     return [_prediction(one, p[there]) for one, p, there in every]
 
 
-def predictions(examples: Sequence[Labelled], weights: Sequence[Weights], temperature: float) -> list[Prediction]:
-    """The answers of each example by the weights of its fold."""
+def predictions(
+    examples: Sequence[Labelled], weights: Mapping[Folds, Weights], temperature: float
+) -> list[Prediction]:  # fmt: skip
+    """The answers of each example by weights that were learned without any of its folds."""
     every = cross_chances(examples, weights, temperature)
     return [_prediction(one, p) for one, p in zip(examples, every, strict=True)]
 
@@ -148,29 +164,30 @@ def set_threshold(found: Sequence[Prediction]) -> float:
     return float(p[max(rank - 1, 0)]) if rank else 0.0
 
 
-def power(found: Sequence[Prediction], named_from: float) -> Power:
-    """The curve of named effects by penalised maximum likelihood, from bodies with one effect of the catalogue.
+def named_bodies(found: Sequence[Prediction], named_from: float) -> tuple[NamedBodies, ...]:
+    """How many bodies have their effect named, within half an octave of each ratio of `RATIOS`.
 
-    Those without a known ratio, or whose effect changes nothing, do not count.
+    Counted are bodies with one effect of the catalogue and a background, because no person is without one.
     """
-    of_catalogue = [one for one in found if len(one.labelled.forms) == 1 and one.labelled.mechanism]
-    single = [one for one in of_catalogue if one.labelled.ratio > 0.0]
-    samples = np.clip([one.labelled.samples for one in single], *SAMPLES)
-    rows = [(1.0, np.log10(one.labelled.ratio), np.log10(count)) for one, count in zip(single, samples, strict=True)]
-    x, named = np.array(rows).reshape(-1, 3), np.array([one.names_right(named_from) for one in single])
-    centre = x[:, 2].mean() if single else 0.0
-    x[:, 2] -= centre
+    mine = [one for one in found if is_single(one.labelled) and one.labelled.background]
+    near = {ratio: [one for one in mine if abs(np.log2(one.labelled.ratio / ratio)) <= 0.5] for ratio in RATIOS}
+    return tuple(
+        NamedBodies(ratio, len(each), sum(one.names_right(named_from) for one in each)) for ratio, each in near.items()
+    )
 
-    def loss(w: Floats) -> float:
-        return float(np.logaddexp(0.0, np.where(named, -(x @ w), x @ w)).sum() + 0.5 * (w[1:] @ w[1:]))
 
-    constant, by_ratio, by_samples = optimize.minimize(loss, np.zeros(3)).x
-    return Power(named_from, float(constant - by_samples * centre), float(by_ratio), float(by_samples))
+def is_single(one: Labelled) -> bool:
+    """Whether a body has one effect of the catalogue, with a known ratio above 0."""
+    return len(one.forms) == 1 and bool(one.mechanism) and one.ratio > 0.0
 
 
 def chosen_ridge(examples: Sequence[Labelled]) -> float:
-    """The ridge of `RIDGES` with the least loss of bodies that the weights were not learned from."""
-    return min(RIDGES, key=lambda ridge: _loss(examples, cross_weights(examples, ridge), 0.0))
+    """The ridge of `RIDGES` with the least loss of bodies that the weights were not learned from.
+
+    Bodies with forms of two folds do not take part: each ridge would need the weights of every pair of folds.
+    """
+    mine = [one for one in examples if len(folds_of(one)) == 1]
+    return min(RIDGES, key=lambda ridge: _loss(mine, cross_weights(examples, ridge, SINGLE), 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,9 +207,10 @@ def learned(
 ) -> Learned:
     """The model of all examples, calibrated on predictions by cross-validation."""
     ridge = chosen_ridge(examples)
-    weights = cross_weights(examples, ridge)
+    weights = cross_weights(examples, ridge, every_fold(examples))
     temperature = temperature_of(examples, weights)
     found = [one for one in predictions(examples, weights, temperature) if one.labelled.weight == 1.0]
     own = learned_weights(Design.of(examples), ridge)
-    model = LearnedModel(own, temperature, set_threshold(found), power(found, named_from), ridge, dict(provenance))
+    named = named_bodies(found, named_from)
+    model = LearnedModel(own, temperature, set_threshold(found), named_from, named, ridge, dict(provenance))
     return Learned(model, found, predictions(with_true_law, weights, temperature))

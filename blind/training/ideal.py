@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
 from biodyn_core.tracing.features import CANDIDATE_NAMES
 from biodyn_core.tracing.probability import Weights
-from blind.training.calibrate import Prediction, answers, chosen_ridge, cross_weights, predictions, temperature_of
+from blind.training.calibrate import (
+    Folds,
+    Prediction,
+    answers,
+    chosen_ridge,
+    cross_weights,
+    every_fold,
+    predictions,
+    temperature_of,
+)
 from blind.training.learn import Design, Labelled, learned_weights
 
 UNLIKE: Final = (
@@ -34,7 +43,7 @@ class IdealDecision:
     examples: Sequence[Labelled]
     numbers: frozenset[int]
     ridge: float
-    folds: Sequence[Weights]
+    folds: Mapping[Folds, Weights]
     temperature: float
 
     @classmethod
@@ -43,7 +52,7 @@ class IdealDecision:
         ideal = {one.number: one for one in with_true_law}
         every = [_without_unlike(ideal.get(one.number, one) if one.weight == 1.0 else one) for one in examples]
         ridge = chosen_ridge(every)
-        folds = cross_weights(every, ridge)
+        folds = cross_weights(every, ridge, every_fold(every))
         return cls(every, frozenset(ideal), ridge, folds, temperature_of(every, folds))
 
     def cross_validated(self) -> list[Prediction]:

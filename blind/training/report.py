@@ -89,20 +89,15 @@ def rendered(learned: Learned, named_from: float, more: Sequence[str]) -> str:
 
 def background_lines(found: Mapping[str, Sequence[Prediction]], named_from: float) -> list[str]:
     """The table of kinds of background; found: answers by models that were learned without that kind."""
-    rows = []
-    for kind, mine in found.items():
-        idle = [one for one in mine if not one.labelled.forms]
-        strong = [one for one in mine if len(one.labelled.forms) == 1 and one.labelled.mechanism]
-        strong = [one for one in strong if one.labelled.ratio > STRONG]
-        rows.append(cells(
-            kind, str(len(mine)), share_text(sum(one.names(named_from) for one in idle), len(idle)),
-            _named_right(strong, named_from), _best_right(strong),
-        ))  # fmt: skip
+    rows = [
+        cells(kind, str(len(mine)), share_text(sum(one.names(named_from) for one in mine), len(mine)))
+        for kind, mine in found.items()
+    ]
     words = (
         "Each kind of background is left out in turn: the model is learned from bodies without it, and answers those"
-        " that have it."
+        " that have it and nothing hidden."
     )
-    head = ("kind", "bodies", "nothing hidden: a cause named", "ratio > 0.8: right cause named", "most probable right")
+    head = ("kind", "bodies with nothing hidden", "a cause named")
     return ["## Backgrounds of a kind that was not learned", "", words, "", *table(head, rows), ""]
 
 
@@ -153,14 +148,13 @@ def _scores(model: LearnedModel, found: Sequence[Prediction], named_from: float)
         f"- The 90 % set has a right answer in {share_text(covered, len(found))}.",
         f"- Its mean size is {np.mean([len(one.likely(model.set_threshold)) for one in found]):.2f}.",
         f"- Mean negative log probability of the right answers: {loss:.3f}.",
-        f"- Share named at a ratio of 0.5, 1 and 2, median recording: {_named_at(model, found)}.",
+        *(
+            f"- Named of bodies with a background and a ratio within half an octave of {one.ratio:g}:"
+            f" {share_text(one.named, one.bodies)}, {one.named} of {one.bodies}."
+            for one in model.named
+        ),
         "",
     ]  # fmt: skip
-
-
-def _named_at(model: LearnedModel, found: Sequence[Prediction]) -> str:
-    samples = float(np.median([one.labelled.samples for one in found]))
-    return ", ".join(f"{100.0 * model.power.named(ratio, samples):.0f} %" for ratio in (0.5, 1.0, 2.0))
 
 
 def _named_right(found: Sequence[Prediction], named_from: float) -> str:
