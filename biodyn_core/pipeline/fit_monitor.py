@@ -79,11 +79,11 @@ class FitMonitor:
         self._segments = {name: _Segment(name, law) for name, law in laws.items()}
         self._ended: deque[Misfit] = deque(maxlen=MOST_ENDED)
 
-    def push(self, frames: MeasuredFrames) -> None:
-        """Test the windows that these frames complete."""
+    def push(self, frames: MeasuredFrames, rate_hz: float) -> None:
+        """Test the windows that these frames complete; rate_hz: of the seat's clock."""
         if self._segments and frames.stamps_ns.size:
             rows = np.concatenate([frames.residual_mps2, frames.accel_mps2[:, 1:]], axis=1)
-            for window in self._windows.push(frames.stamps_ns, rows):
+            for window in self._windows.push(frames.stamps_ns, rows, rate_hz):
                 self.test(window.begin_ns, *squares_of(window))
 
     def test(self, begin_ns: int, residual_square: Floats, predicted_squares: Floats) -> None:

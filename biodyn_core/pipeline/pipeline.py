@@ -111,7 +111,8 @@ class Pipeline:
         return self._monitored(joined(frames))
 
     def _monitored(self, frames: Frames) -> Frames:
-        self.fit_monitor.push(frames.measured)
+        if self.predictor:  # without one there is no rate, and nothing to compare
+            self.fit_monitor.push(frames.measured, self.conditioners[SEAT].rate_hz)
         return frames
 
     def _process(self, sensor: str, blocks: list[Block]) -> Frames:
