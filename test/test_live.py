@@ -30,6 +30,7 @@ from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import config_file
+from biodyn_ros.dashboard.settings import ServingSettings
 from biodyn_ros.node import params
 from biodyn_ros.node.live import BiodynNode
 from biodyn_ros.node.parameters_yaml import parameters_yaml
@@ -517,6 +518,51 @@ def test_a_page_that_cannot_be_served_does_not_stop_the_node(graph) -> None:
         phrase = f"the page is not served: biodyn page: the page cannot be served at 127.0.0.1:{port}"
         graph.wait(lambda: diagnostics.says("page", WARN, phrase), "the reason in the diagnostics")
         assert diagnostics.says("prediction", ERROR, "has sent nothing"), "the node runs"
+
+
+def test_an_activation_that_fails_leaves_nothing_running_and_a_retry_receives_each_sample_once(graph) -> None:
+    node = graph.live(dashboard=True, page_host="192.0.2.1", page_port=0)  # no interface has this address
+    sensors = Sensors(graph, SENSORS)
+    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    assert node.trigger_activate() == TransitionCallbackReturn.FAILURE
+    assert "192.0.2.1: the address cannot be used" in node.failure
+    assert {node.count_subscribers(topic) for topic in topics.INPUT.values()} == {0}
+    assert list(node.timers) == []
+    node._serving = ServingSettings(page_port=0)  # as if the interface were up
+    assert node.trigger_activate() == TransitionCallbackReturn.SUCCESS
+    assert {node.count_subscribers(topic) for topic in topics.INPUT.values()} == {1}
+    graph.wait(sensors.matched, "six inputs matched")
+    sent = sensors.send(6 * 1000)
+    health = node._sensors.health
+    graph.wait(lambda: sum(one.messages for one in health.values()) >= sent, "every message")
+    graph.spin(0.3)
+    assert sum(one.messages for one in health.values()) == sent
+    assert {node.pipeline.status(name).late + node.pipeline.status(name).duplicate for name in SENSORS} == {0}
+
+
+def test_an_activation_that_fails_at_the_last_sensor_leaves_no_subscription(graph) -> None:
+    node = graph.live(("-p", f"qos_overrides./imu/{SENSORS[-1]}/data.subscription.reliability:=nonsense"))
+    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    assert node.trigger_activate() == TransitionCallbackReturn.FAILURE
+    assert {node.count_subscribers(topic) for topic in topics.INPUT.values()} == {0}
+
+
+def test_a_configuration_that_fails_leaves_no_topic_and_no_service(graph, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The publisher of the head comes after that of the pelvis."""
+    node = graph.live(("-p", "qos_overrides./biodyn/predicted/head/accel.publisher.reliability:=nonsense"))
+    before = list(node.publishers), list(node.services)
+    assert node.trigger_configure() == TransitionCallbackReturn.FAILURE
+    assert (list(node.publishers), list(node.services)) == before
+    node = graph.live(("-r", "__node:=other"))
+    before = list(node.publishers), list(node.services)
+    with monkeypatch.context() as patched:
+        patched.setattr(topics, "MARK", "no topic")  # the last service
+        assert node.trigger_configure() == TransitionCallbackReturn.FAILURE
+    assert (list(node.publishers), list(node.services)) == before
+    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    assert node.count_publishers("/other/predicted/pelvis/accel") == 1
+    node.trigger_cleanup()
+    assert (list(node.publishers), list(node.services)) == before
 
 
 def test_an_invalid_page_host_is_refused_on_configure(graph) -> None:
