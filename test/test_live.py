@@ -147,6 +147,38 @@ def test_messages_beyond_the_queue_are_counted_as_lost(graph: Graph) -> None:
     assert {one.lost for one in health.values()} == {300}
 
 
+def test_what_is_sent_while_the_node_is_inactive_is_not_lost(graph: Graph) -> None:
+    node = graph.active(queue_depth=200, state_file="none")
+    sensors, health = Sensors(graph, SENSORS), node._sensors.health
+    graph.wait(sensors.matched, "six inputs matched")
+    graph.wait(lambda: all(one.publishers == 1 for one in health.values()), "the publishers are seen")
+    sensors.send(6 * 150, spinning=False)
+    graph.wait(lambda: all(one.messages == 150 for one in health.values()), "the first messages")
+    node.trigger_deactivate()
+    graph.wait(lambda: all(one.get_subscription_count() == 0 for one in sensors.outputs.values()), "no subscriber")
+    sensors.send(6 * 500, spinning=False)
+    node.trigger_activate()
+    graph.wait(sensors.matched, "six inputs matched again")
+    sensors.send(6 * 150, spinning=False)
+    graph.wait(lambda: all(one.messages == 300 for one in health.values()), "the messages after the activation")
+    assert {one.lost for one in health.values()} == {0}
+    sensors.send(6 * 500, spinning=False)  # what is lost from now on is counted
+    graph.wait(lambda: all(one.messages + one.lost == 800 for one in health.values()), "the last messages")
+    assert {one.lost for one in health.values()} == {300}
+
+
+def test_a_refused_message_is_not_lost_where_each_sample_comes_at_once(graph: Graph) -> None:
+    node = graph.active(block_ms=0.0, state_file="none")
+    sensors, seat = Sensors(graph, (SEAT,)), node._sensors.health[SEAT]
+    graph.wait(sensors.matched, "the seat matched")
+    graph.wait(lambda: seat.publishers == 1, "the publisher is seen")
+    sensors.send(250)
+    sensors.outputs[SEAT].publish(b"\x00\x01\x00\x00" + b"\xff" * 20)
+    sensors.send(250)  # sequence numbers are read at every hundredth message
+    graph.wait(lambda: seat.messages + seat.lost >= 501, "every message")
+    assert (seat.messages, seat.errors, seat.lost) == (501, 1, 0)
+
+
 def test_exposure_and_residual_are_published_and_agree_with_the_pipeline(graph: Graph) -> None:
     tester = graph.node()
     names = (

@@ -134,7 +134,7 @@ class SensorHealth:
         self._numbers_from = ahead
 
     def forget_numbers(self) -> None:
-        """Start again for another publisher, which has its own sequence numbers."""
+        """Start again, for another publisher, which has its own sequence numbers, or for another subscription."""
         self._numbers_from = None
 
     def refused(self, why: str) -> None:
