@@ -437,6 +437,18 @@ def test_the_node_subscribes_only_while_active(graph: Graph) -> None:
     node.trigger_shutdown()
 
 
+def test_a_timer_that_was_due_when_the_node_was_deactivated_does_nothing(graph: Graph, capfd) -> None:
+    """The executor calls it once more: its event waited in the queue."""
+    node = graph.active(state_file="none")
+    due = [timer.callback for timer in node.timers]
+    for transition in (node.trigger_deactivate, node.trigger_cleanup):
+        transition()
+        for callback in due:
+            callback()
+    assert len(due) == 8
+    assert "timer: " not in capfd.readouterr().err
+
+
 def test_an_unreadable_subject_fails_the_transition_in_one_line(graph: Graph) -> None:
     node = graph.live(subject_file="nobody")
     node.trigger_configure()

@@ -10,6 +10,7 @@ import gc
 import json
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, Final
 
 import rclpy
@@ -195,8 +196,13 @@ class BiodynNode(LifecycleNode):
         """Start timers on a steady clock of their own: rcl warns of more than seven on one clock."""
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         for rate_hz, callback in rates:
-            timer = self.create_timer(1.0 / rate_hz, guarded(callback, self._log_timer_error), clock=steady)
-            self._node_timers.append(timer)
+            run = guarded(partial(self._on_timer, callback), self._log_timer_error)
+            self._node_timers.append(self.create_timer(1.0 / rate_hz, run, clock=steady))
+
+    def _on_timer(self, callback: Callable[[], None]) -> None:
+        """Run a timer's callback; after the end of the timers the executor may still call one that was due before."""
+        if self._node_timers:
+            callback()
 
     def _deactivate(self) -> None:
         if self._sensors is not None:
