@@ -116,6 +116,18 @@ def run(
     )
 
 
+def quantised(stamps_ns: NDArray[np.int64], quantum_ms: int) -> NDArray[np.int64]:
+    """Stamps (n,) ns of a clock that advances in steps."""
+    return stamps_ns // (quantum_ms * 10**6) * (quantum_ms * 10**6)
+
+
+def in_bursts(stamps_ns: NDArray[np.int64], size: int, step_ms: float) -> NDArray[np.int64]:
+    """Stamps (n,) ns of a driver that sends samples in bursts, and stamps them then, so far apart."""
+    within = np.arange(stamps_ns.size) % size
+    first = np.arange(stamps_ns.size) - within
+    return stamps_ns[first] + np.rint(1e6 * step_ms * within).astype(np.int64)
+
+
 def in_turn(streams: tuple[ImuStream, ...], size: int = 280) -> list[tuple[str, int, int]]:
     """Blocks of one size, the sensors taking turns."""
     longest = max(len(stream.stamps_ns) for stream in streams)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from paper import shipped
-from streams import in_turn, noisy_streams, run
+from streams import in_bursts, in_turn, noisy_streams, quantised, run
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SENSORS
 from biodyn_core.body.usual_residual import LEAST_WINDOWS, PROVENANCE, UsualResidual, usual_residuals
@@ -51,7 +52,7 @@ def frames(seconds: int, seed: int = 0, changed: dict[str, Any] | None = None) -
 
 def monitored(given: MeasuredFrames, laws: dict[str, UsualResidual] | None = None) -> FitMonitor:
     monitor = FitMonitor(LAWS if laws is None else laws)
-    monitor.push(given)
+    monitor.push(given, RATE_HZ)
     return monitor
 
 
@@ -105,14 +106,14 @@ def test_block_cuts_change_nothing(cuts: list[int]) -> None:
     monitor = FitMonitor(LAWS)
     edges = [0, *cuts, 60 * RATE_HZ]
     for begin, end in pairwise(edges):
-        monitor.push(MeasuredFrames(*(column[begin:end] for column in given_frames)))
+        monitor.push(MeasuredFrames(*(column[begin:end] for column in given_frames)), RATE_HZ)
     assert monitor.misfits() == monitored(given_frames).misfits() != []
 
 
 def windows(given: MeasuredFrames) -> list[tuple[int, np.ndarray, np.ndarray]]:
     """Second, mean square of the residual (5,) and of the prediction by band (6, 5) of each complete window."""
     rows = np.concatenate([given.residual_mps2, given.accel_mps2[:, 1:]], axis=1)
-    found = SecondWindows().push(given.stamps_ns, rows)
+    found = SecondWindows().push(given.stamps_ns, rows, RATE_HZ)
     return [((one.begin_ns - EPOCH_NS) // 10**9, *squares_of(one)) for one in found]
 
 
@@ -134,6 +135,28 @@ def test_a_window_with_a_gap_is_left_out() -> None:
     given = frames(4, 1)
     kept = (np.arange(400) < 120) | (np.arange(400) > 180)
     assert [second for second, *_ in windows(MeasuredFrames(*(column[kept] for column in given)))] == [0, 2]
+
+
+UNEVEN: dict[str, tuple[float, Callable[[np.ndarray], np.ndarray]]] = {
+    **{f"{rate_hz} Hz by 1 ms": (rate_hz, lambda s: quantised(s, 1)) for rate_hz in (400.0, 800.0, 833.0, 2000.0)},
+    **{f"{rate_hz} Hz by 1 ms": (rate_hz, lambda s: quantised(s, 1)) for rate_hz in (1129.3, 1600.0, 2048.0)},
+    **{f"1129.3 Hz by {ms} ms": (1129.3, lambda s, ms=ms: quantised(s, ms)) for ms in (2, 4)},
+    "bursts of 20 in 2 ms": (1129.3, lambda s: in_bursts(s, 20, 0.1)),
+    "4 under one stamp": (1129.3, lambda s: in_bursts(s, 4, 0.0)),
+}
+"""Rate and stamps by name."""
+
+
+@pytest.mark.parametrize("name", UNEVEN)
+def test_quantised_and_bursty_stamps_have_the_windows_of_even_ones(name: str) -> None:
+    rate_hz, uneven = UNEVEN[name]
+    even_ns = EPOCH_NS + np.rint(np.arange(round(10.5 * rate_hz)) * 1e9 / rate_hz).astype(np.int64)
+    rows = np.arange(even_ns.size, dtype=np.float64)[:, None]
+    expected, found = (list(SecondWindows().push(s, rows, rate_hz)) for s in (even_ns, uneven(even_ns)))
+    assert [(one.begin_ns - EPOCH_NS) // 10**9 for one in found] == list(range(10))
+    for one, even in zip(found, expected, strict=True):
+        assert one.rate_hz == even.rate_hz == rate_hz
+        assert abs(one.rows[0, 0] - even.rows[0, 0]) <= 20 and abs(one.rows[-1, 0] - even.rows[-1, 0]) <= 20
 
 
 # --- the law ---------------------------------------------------------------------------------------------------------
@@ -234,3 +257,17 @@ def test_the_pipeline_names_a_sensor_that_reads_too_much() -> None:
         pipeline = Pipeline(subject)
         run(tuple(streams), in_turn(tuple(streams)), pipeline=pipeline)
         assert [one.segment for one in pipeline.fit_monitor.misfits()] == expected
+
+
+@pytest.mark.parametrize("uneven", [lambda s: quantised(s, 2), lambda s: in_bursts(s, 20, 0.1)])
+def test_the_pipeline_names_it_under_quantised_and_bursty_stamps_too(uneven: Callable[..., np.ndarray]) -> None:
+    law = UsualResidual((0.05,) * N_BANDS, (0.05,) * N_BANDS, 50)
+    subject = dataclasses.replace(shipped("subject_1"), provenance={PROVENANCE: {n: law.to_dict() for n in LAWS}})
+    streams = []
+    for one in noisy_streams(30.0, "road"):
+        mean = one.accel_mps2.mean(axis=0)
+        accel = mean + (1.5 if one.sensor == "head" else 1.0) * (one.accel_mps2 - mean)
+        streams.append(dataclasses.replace(one, stamps_ns=uneven(one.stamps_ns), accel_mps2=accel))
+    pipeline = Pipeline(subject)
+    run(tuple(streams), in_turn(tuple(streams)), pipeline=pipeline)
+    assert [one.segment for one in pipeline.fit_monitor.misfits()] == ["head"]

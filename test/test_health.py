@@ -269,6 +269,21 @@ def test_a_segment_that_does_not_fit_is_a_warning_and_a_mark_until_it_fits_again
     assert 3.0 <= at_s - begin_s <= 7.0 and 18.0 <= end_s - begin_s <= 35.0
     assert node.prediction() == (OK, "predicting") and node.statuses["prediction"].values["fits"] == "true"
     assert not node.monitor.marks  # these are the user's
+
+
+def test_whether_the_model_fits_is_unknown_before_a_second_in_motion() -> None:
+    still = tuple(
+        dataclasses.replace(one, accel_mps2=np.zeros_like(one.accel_mps2) + one.accel_mps2.mean(axis=0))
+        for one in noisy_streams(6.0)
+    )
+    for streams, checks, fits in ((noisy_streams(6.0), 2, False), (still, 10, False), (noisy_streams(6.0), 10, True)):
+        node = Node(streams, with_spread(subject()))
+        node.advance(checks)
+        found = node.statuses["prediction"].values["fits"]
+        assert found == ("true" if fits else "unknown: no whole second in motion was compared")
+
+
+def test_whether_the_model_fits_is_unknown_for_a_subject_without_a_usual_residual() -> None:
     unknown = Node(noisy_streams())
     unknown.advance(4)
     assert unknown.statuses["prediction"].values["fits"].startswith("unknown: its file has no residual")

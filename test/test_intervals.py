@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from paper import shipped
 from provenances import with_spread
-from streams import in_turn, noisy_streams, run
+from streams import in_bursts, in_turn, noisy_streams, quantised, run
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEGMENTS
@@ -323,6 +324,17 @@ def test_the_pipeline_has_the_spread_of_its_figures() -> None:
     assert plain.exposure.spreads == {} and "no covariance" in plain.pipeline.no_interval
     found.pipeline.reset()
     assert found.pipeline.exposure().spreads == {} and found.pipeline.exposure(rolling=True).spreads != {}
+
+
+@pytest.mark.parametrize("uneven", [lambda s: quantised(s, 4), lambda s: in_bursts(s, 20, 0.1)])
+def test_quantised_and_bursty_stamps_have_the_spread_of_even_ones(uneven: Callable[..., np.ndarray]) -> None:
+    streams = noisy_streams(seconds=8.0)
+    stamped = tuple(dataclasses.replace(one, stamps_ns=uneven(one.stamps_ns)) for one in streams)
+    expected, found = (run(s, in_turn(s), pipeline=Pipeline(SUBJECT)).exposure.spreads for s in (streams, stamped))
+    assert set(found) == set(SEGMENTS)
+    for name, spread in found.items():
+        assert spread.accel.of_means == pytest.approx(expected[name].accel.of_means, rel=0.02)
+        assert spread.force.of_rms == pytest.approx(expected[name].force.of_rms, rel=0.02)
 
 
 def test_without_a_positive_covariance_predictions_go_on_without_an_interval() -> None:

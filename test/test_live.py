@@ -30,6 +30,7 @@ from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import config_file
+from biodyn_ros.dashboard.settings import ServingSettings
 from biodyn_ros.node import params
 from biodyn_ros.node.live import BiodynNode
 from biodyn_ros.node.parameters_yaml import parameters_yaml
@@ -144,6 +145,38 @@ def test_messages_beyond_the_queue_are_counted_as_lost(graph: Graph) -> None:
     sensors.send(6 * 500, spinning=False)
     graph.wait(lambda: all(one.messages + one.lost == 650 for one in health.values()), "the last messages")
     assert {one.lost for one in health.values()} == {300}
+
+
+def test_what_is_sent_while_the_node_is_inactive_is_not_lost(graph: Graph) -> None:
+    node = graph.active(queue_depth=200, state_file="none")
+    sensors, health = Sensors(graph, SENSORS), node._sensors.health
+    graph.wait(sensors.matched, "six inputs matched")
+    graph.wait(lambda: all(one.publishers == 1 for one in health.values()), "the publishers are seen")
+    sensors.send(6 * 150, spinning=False)
+    graph.wait(lambda: all(one.messages == 150 for one in health.values()), "the first messages")
+    node.trigger_deactivate()
+    graph.wait(lambda: all(one.get_subscription_count() == 0 for one in sensors.outputs.values()), "no subscriber")
+    sensors.send(6 * 500, spinning=False)
+    node.trigger_activate()
+    graph.wait(sensors.matched, "six inputs matched again")
+    sensors.send(6 * 150, spinning=False)
+    graph.wait(lambda: all(one.messages == 300 for one in health.values()), "the messages after the activation")
+    assert {one.lost for one in health.values()} == {0}
+    sensors.send(6 * 500, spinning=False)  # what is lost from now on is counted
+    graph.wait(lambda: all(one.messages + one.lost == 800 for one in health.values()), "the last messages")
+    assert {one.lost for one in health.values()} == {300}
+
+
+def test_a_refused_message_is_not_lost_where_each_sample_comes_at_once(graph: Graph) -> None:
+    node = graph.active(block_ms=0.0, state_file="none")
+    sensors, seat = Sensors(graph, (SEAT,)), node._sensors.health[SEAT]
+    graph.wait(sensors.matched, "the seat matched")
+    graph.wait(lambda: seat.publishers == 1, "the publisher is seen")
+    sensors.send(250)
+    sensors.outputs[SEAT].publish(b"\x00\x01\x00\x00" + b"\xff" * 20)
+    sensors.send(250)  # sequence numbers are read at every hundredth message
+    graph.wait(lambda: seat.messages + seat.lost >= 501, "every message")
+    assert (seat.messages, seat.errors, seat.lost) == (501, 1, 0)
 
 
 def test_exposure_and_residual_are_published_and_agree_with_the_pipeline(graph: Graph) -> None:
@@ -404,6 +437,18 @@ def test_the_node_subscribes_only_while_active(graph: Graph) -> None:
     node.trigger_shutdown()
 
 
+def test_a_timer_that_was_due_when_the_node_was_deactivated_does_nothing(graph: Graph, capfd) -> None:
+    """The executor calls it once more: its event waited in the queue."""
+    node = graph.active(state_file="none")
+    due = [timer.callback for timer in node.timers]
+    for transition in (node.trigger_deactivate, node.trigger_cleanup):
+        transition()
+        for callback in due:
+            callback()
+    assert len(due) == 8
+    assert "timer: " not in capfd.readouterr().err
+
+
 def test_an_unreadable_subject_fails_the_transition_in_one_line(graph: Graph) -> None:
     node = graph.live(subject_file="nobody")
     node.trigger_configure()
@@ -517,6 +562,51 @@ def test_a_page_that_cannot_be_served_does_not_stop_the_node(graph) -> None:
         phrase = f"the page is not served: biodyn page: the page cannot be served at 127.0.0.1:{port}"
         graph.wait(lambda: diagnostics.says("page", WARN, phrase), "the reason in the diagnostics")
         assert diagnostics.says("prediction", ERROR, "has sent nothing"), "the node runs"
+
+
+def test_an_activation_that_fails_leaves_nothing_running_and_a_retry_receives_each_sample_once(graph) -> None:
+    node = graph.live(dashboard=True, page_host="192.0.2.1", page_port=0)  # no interface has this address
+    sensors = Sensors(graph, SENSORS)
+    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    assert node.trigger_activate() == TransitionCallbackReturn.FAILURE
+    assert "192.0.2.1: the address cannot be used" in node.failure
+    assert {node.count_subscribers(topic) for topic in topics.INPUT.values()} == {0}
+    assert list(node.timers) == []
+    node._serving = ServingSettings(page_port=0)  # as if the interface were up
+    assert node.trigger_activate() == TransitionCallbackReturn.SUCCESS
+    assert {node.count_subscribers(topic) for topic in topics.INPUT.values()} == {1}
+    graph.wait(sensors.matched, "six inputs matched")
+    sent = sensors.send(6 * 1000)
+    health = node._sensors.health
+    graph.wait(lambda: sum(one.messages for one in health.values()) >= sent, "every message")
+    graph.spin(0.3)
+    assert sum(one.messages for one in health.values()) == sent
+    assert {node.pipeline.status(name).late + node.pipeline.status(name).duplicate for name in SENSORS} == {0}
+
+
+def test_an_activation_that_fails_at_the_last_sensor_leaves_no_subscription(graph) -> None:
+    node = graph.live(("-p", f"qos_overrides./imu/{SENSORS[-1]}/data.subscription.reliability:=nonsense"))
+    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    assert node.trigger_activate() == TransitionCallbackReturn.FAILURE
+    assert {node.count_subscribers(topic) for topic in topics.INPUT.values()} == {0}
+
+
+def test_a_configuration_that_fails_leaves_no_topic_and_no_service(graph, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The publisher of the head comes after that of the pelvis."""
+    node = graph.live(("-p", "qos_overrides./biodyn/predicted/head/accel.publisher.reliability:=nonsense"))
+    before = list(node.publishers), list(node.services)
+    assert node.trigger_configure() == TransitionCallbackReturn.FAILURE
+    assert (list(node.publishers), list(node.services)) == before
+    node = graph.live(("-r", "__node:=other"))
+    before = list(node.publishers), list(node.services)
+    with monkeypatch.context() as patched:
+        patched.setattr(topics, "MARK", "no topic")  # the last service
+        assert node.trigger_configure() == TransitionCallbackReturn.FAILURE
+    assert (list(node.publishers), list(node.services)) == before
+    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    assert node.count_publishers("/other/predicted/pelvis/accel") == 1
+    node.trigger_cleanup()
+    assert (list(node.publishers), list(node.services)) == before
 
 
 def test_an_invalid_page_host_is_refused_on_configure(graph) -> None:

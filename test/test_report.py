@@ -375,6 +375,19 @@ def test_a_report_has_the_spreads_of_its_pipeline_or_the_reason():
     assert exposure_report(Pipeline(with_spread(subject()))).no_interval == "no whole second was predicted"
 
 
+def test_without_a_whole_second_in_motion_it_is_unknown_whether_the_model_fits(tmp_path):
+    streams, why = noisy_streams(), "no whole second in motion was compared"
+    of_seat = [cut for cut in in_turn(streams) if cut[0] == "seat"]
+    seat = run(streams, of_seat, pipeline=Pipeline(with_spread(subject())))
+    found = exposure_report(seat.pipeline)
+    assert exposure_document(found)["not_monitored"] == why
+    for shown in (summary(found), page_of(tmp_path, report(not_monitored=found.not_monitored)).text):
+        assert f"Unknown: {why}." in shown
+    fitted = exposure_report(run(streams, in_turn(streams), pipeline=Pipeline(with_spread(subject()))).pipeline)
+    assert exposure_document(fitted)["not_monitored"] is None
+    assert "The model fits as it did in its held-out events." in summary(fitted)
+
+
 def test_zero_and_a_segment_that_was_not_counted_have_no_interval(tmp_path):
     still = JointExposure(JointForce(9.5, 0.0, 3.5, 1.0), NO_LOSSES, 5.0)
     changed = sure(predicted={**report().predicted, "head": channel(0.0)}, joint_forces={"pelvis": still})

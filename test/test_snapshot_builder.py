@@ -83,6 +83,15 @@ def test_the_rows_are_the_rolling_figures_and_their_ratios():
     assert rows["seat"]["compression_n"] is None
 
 
+def test_whether_the_model_fits_is_unknown_until_a_second_in_motion_was_compared():
+    ride = Ride(with_spread(subject()))
+    assert ride.drive(noisy_streams(**GENTLE), without=SENSORS[1:]).snapshots[-1]["fit"] == {
+        "fits": None, "misfits": [], "unknown": "no whole second in motion was compared",
+    }  # fmt: skip
+    ride = Ride(with_spread(subject()))
+    assert ride.drive(noisy_streams(**GENTLE)).snapshots[-1]["fit"] == {"fits": True, "misfits": [], "unknown": ""}
+
+
 def test_every_bin_of_the_strip_is_sent_once():
     shown = Ride().drive(noisy_streams(**GENTLE)).snapshots
     begins = [begin for one in shown for begin in one["strip"]["measured"]["begin_s"]]

@@ -22,6 +22,9 @@ from biodyn_core.pipeline.frames import MeasuredFrames
 from biodyn_core.pipeline.windows import LEAST_COVERED, WINDOW_NS, SecondWindows, Window
 from biodyn_core.signals.octaves import octave_squares
 
+NOT_TESTED: Final = "no whole second in motion was compared"
+"""Why it is unknown whether the model fits a subject with a usual residual."""
+
 MOST_ENDED: Final = 1000
 """Times of misfit that are remembered."""
 
@@ -71,19 +74,23 @@ class _Segment:
 
 
 class FitMonitor:
-    """`push` measured frames; read `misfits`. laws: the usual residual by segment; others are not tested."""
+    """`push` measured frames; read `misfits`. laws: the usual residual by segment; others are not tested.
+
+    has_tested: whether there was a window with motion, because other windows decide nothing.
+    """
 
     def __init__(self, laws: Mapping[str, UsualResidual], settings: MonitorSettings | None = None) -> None:
         self._settings = settings or MonitorSettings()
         self._windows = SecondWindows()
         self._segments = {name: _Segment(name, law) for name, law in laws.items()}
         self._ended: deque[Misfit] = deque(maxlen=MOST_ENDED)
+        self.has_tested = False
 
-    def push(self, frames: MeasuredFrames) -> None:
-        """Test the windows that these frames complete."""
+    def push(self, frames: MeasuredFrames, rate_hz: float) -> None:
+        """Test the windows that these frames complete; rate_hz: of the seat's clock."""
         if self._segments and frames.stamps_ns.size:
             rows = np.concatenate([frames.residual_mps2, frames.accel_mps2[:, 1:]], axis=1)
-            for window in self._windows.push(frames.stamps_ns, rows):
+            for window in self._windows.push(frames.stamps_ns, rows, rate_hz):
                 self.test(window.begin_ns, *squares_of(window))
 
     def test(self, begin_ns: int, residual_square: Floats, predicted_squares: Floats) -> None:
@@ -104,6 +111,7 @@ class FitMonitor:
         s, usual = self._settings, one.law.square(predicted, self._settings.least_share)
         if float(predicted.sum()) <= s.moving**2 * one.law.rest_square:
             return
+        self.has_tested = True
         excess = math.log(max(residual, LEAST_SQUARE) / usual)
         beyond = max(-s.largest_excess, min(s.largest_excess, excess)) - s.allowance
         if one.total == 0.0 and not one.failing:

@@ -117,7 +117,7 @@ class IntervalEstimator:
     def __init__(self, spread: PredictionSpread, rate_hz: float, window_s: float) -> None:
         self._spread = spread
         self._steppers = [Stepper(chain, rate_hz) for chain in spread.chains]
-        self._batch, self._windows, self._epoch_ns = Batch(), SecondWindows(), 0
+        self._rate_hz, self._batch, self._windows, self._epoch_ns = rate_hz, Batch(), SecondWindows(), 0
         factors = (*(ACCEL_FACTORS,) * N_SEGMENTS, *(FORCE_FACTORS,) * N_SEGMENTS)
         self.meter = SpreadMeter(factors, len(self._steppers), window_s, spread.both_sides)
         peaks = PeakSpreadMeter(N_SEGMENTS, 1 + len(self._steppers), window_s)
@@ -140,8 +140,7 @@ class IntervalEstimator:
         since_ns = stamps_ns - stamps_ns[begin]
         for at in range(begin, len(seat_mps2), PIECE):
             part = slice(at, at + PIECE)
-            for window in self._windows.push(since_ns[part], self._with_neighbours(seat_mps2[part], accel_mps2[part])):
-                self._count(window)
+            self._count_windows(since_ns[part], seat_mps2[part], accel_mps2[part])
         for window in self._windows.end():
             self._count(window)
 
@@ -170,11 +169,15 @@ class IntervalEstimator:
         return {"spread": self.meter, **peaks}
 
     def _advance(self, rows: Floats | None) -> None:
-        """Carry the neighbouring chains over the seat's samples, and count the windows that they complete."""
+        """Carry the neighbouring chains over the seat's samples that have waited."""
         if rows is None:
             return
         stamps_ns, seat_mps2 = rows[:, 0].astype(np.int64) + self._epoch_ns, np.ascontiguousarray(rows[:, 1])
-        for window in self._windows.push(stamps_ns, self._with_neighbours(seat_mps2, rows[:, 2:])):
+        self._count_windows(stamps_ns, seat_mps2, rows[:, 2:])
+
+    def _count_windows(self, stamps_ns: Integers, seat_mps2: Floats, accel_mps2: Floats) -> None:
+        """Add samples with their predictions (n, 6), and count the windows that they complete."""
+        for window in self._windows.push(stamps_ns, self._with_neighbours(seat_mps2, accel_mps2), self._rate_hz):
             self._count(window)
 
     def _with_neighbours(self, seat_mps2: Floats, accel_mps2: Floats) -> Floats:

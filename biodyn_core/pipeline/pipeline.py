@@ -31,7 +31,7 @@ from biodyn_core.exposure.losses import Losses
 from biodyn_core.pipeline.comparison import EarlyBlocks
 from biodyn_core.pipeline.exposure import Exposure, exposure_of
 from biodyn_core.pipeline.exposure_counter import ExposureCounter
-from biodyn_core.pipeline.fit_monitor import FitMonitor
+from biodyn_core.pipeline.fit_monitor import NOT_TESTED, FitMonitor
 from biodyn_core.pipeline.frames import (
     NO_FRAMES,
     NO_MEASURED,
@@ -111,7 +111,8 @@ class Pipeline:
         return self._monitored(joined(frames))
 
     def _monitored(self, frames: Frames) -> Frames:
-        self.fit_monitor.push(frames.measured)
+        if self.predictor:  # without one there is no rate, and nothing to compare
+            self.fit_monitor.push(frames.measured, self.conditioners[SEAT].rate_hz)
         return frames
 
     def _process(self, sensor: str, blocks: list[Block]) -> Frames:
@@ -207,6 +208,11 @@ class Pipeline:
             is_extrapolating=isinstance(fitted_mps2, (int, float)) and peak_mps2 > fitted_mps2,
             latency=self._latency(predictor) if predictor else {},
         )
+
+    @property
+    def fit_unknown(self) -> str:
+        """Why it is unknown whether the model fits; empty if it is known."""
+        return self.not_monitored or ("" if self.fit_monitor.has_tested else NOT_TESTED)
 
     def _latency(self, predictor: SeatPredictor) -> dict[str, Latency]:
         delay_s = self.conditioners[SEAT].delay_s

@@ -1,4 +1,8 @@
-"""Windows of one second of stamp time, so that block cuts change nothing."""
+"""Windows of one second of stamp time, so that block cuts change nothing.
+
+Stamps say to which second a row belongs. How many rows a second has is known from the rate, because the steps of
+stamps do not show it: stamps may be quantised, or come in bursts.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ LEAST_COVERED: Final = 0.9
 
 
 class Window(NamedTuple):
-    """The rows (n, c) of one second that begins at begin_ns; rate_hz of their stamps, in whole Hz."""
+    """The rows (n, c) of one second that begins at begin_ns; rate_hz of the rows."""
 
     begin_ns: int
     rate_hz: float
@@ -23,15 +27,19 @@ class Window(NamedTuple):
 
 
 class SecondWindows:
-    """Collect rows into windows: `push` rows, get the windows that they complete; `end` completes the last one."""
+    """Collect evenly sampled rows into windows: `push` rows, get the windows that they complete; `end` the last one."""
 
     def __init__(self) -> None:
-        self._stamps_ns: list[Integers] = []
         self._rows: list[Floats] = []
         self._number: int | None = None
+        self._rate_hz = 0.0
 
-    def push(self, stamps_ns: Integers, rows: Floats) -> Iterator[Window]:
-        """Add rows (n, c) with their stamps (n,) ns; yield each window that later rows have completed."""
+    def push(self, stamps_ns: Integers, rows: Floats, rate_hz: float) -> Iterator[Window]:
+        """Add rows (n, c) with their stamps (n,) ns; yield each window that later rows have completed.
+
+        rate_hz: of the sensor's clock, always the same.
+        """
+        self._rate_hz = rate_hz
         numbers = stamps_ns // WINDOW_NS
         begin = 0
         for end in [*(np.flatnonzero(np.diff(numbers)) + 1).tolist(), numbers.size]:
@@ -39,7 +47,6 @@ class SecondWindows:
                 if self._number is not None and int(numbers[begin]) != self._number:
                     yield from self._complete()
                 self._number = int(numbers[begin])
-                self._stamps_ns.append(stamps_ns[begin:end])
                 self._rows.append(rows[begin:end])
                 begin = end
 
@@ -52,8 +59,6 @@ class SecondWindows:
     def _complete(self) -> Iterator[Window]:
         """The window, unless a gap has left too little of it."""
         assert self._number is not None
-        stamps_ns, rows = np.concatenate(self._stamps_ns), np.concatenate(self._rows)
-        self._stamps_ns, self._rows = [], []
-        period_ns = float(np.median(np.diff(stamps_ns))) if stamps_ns.size > 1 else 0.0
-        if stamps_ns.size * period_ns >= LEAST_COVERED * WINDOW_NS:
-            yield Window(self._number * WINDOW_NS, float(round(1e9 / period_ns)), rows)
+        rows, self._rows = np.concatenate(self._rows), []
+        if len(rows) >= LEAST_COVERED * self._rate_hz:
+            yield Window(self._number * WINDOW_NS, self._rate_hz, rows)

@@ -134,7 +134,7 @@ class SensorHealth:
         self._numbers_from = ahead
 
     def forget_numbers(self) -> None:
-        """Start again for another publisher, which has its own sequence numbers."""
+        """Start again, for another publisher, which has its own sequence numbers, or for another subscription."""
         self._numbers_from = None
 
     def refused(self, why: str) -> None:
@@ -303,7 +303,7 @@ def prediction_status(
         absence = "has sent nothing" if silent is None else f"is silent for {silent:.1f} s"
         stopped = stopped or seat.wrong_type or seat.incompatible_qos or absence
     divergences = growth.by.get("divergences", 0)
-    lasting = pipeline.fit_monitor.lasting()
+    lasting, fit_unknown = pipeline.fit_monitor.lasting(), pipeline.fit_unknown
     checks: list[tuple[bool, int, Callable[[], str]]] = [
         (bool(stopped), ERROR, lambda: f"predictions stopped: seat {stopped}"),
         (seen.waiting is not None, WARN, lambda: f"seat: {seen.waiting}"),
@@ -320,7 +320,7 @@ def prediction_status(
         "divergences": str(run.divergences),
         "settling": str(is_settling(seen)).lower(),
         "last_mark": mark,
-        "fits": f"unknown: {pipeline.not_monitored}" if pipeline.not_monitored else str(not lasting).lower(),
+        "fits": f"unknown: {fit_unknown}" if fit_unknown else str(not lasting).lower(),
         "origin": ORIGIN[origin_of(subject)],
         "intervals": f"none: {pipeline.no_interval}" if pipeline.no_interval else _interval_of(subject),
     }

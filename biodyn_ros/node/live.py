@@ -10,6 +10,7 @@ import gc
 import json
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, Final
 
 import rclpy
@@ -122,6 +123,19 @@ class BiodynNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def _configure(self) -> None:
+        """Prepare everything; a failure leaves no publisher and no service of a node that is not configured."""
+        publishers, services = set(self.publishers), set(self.services)
+        try:
+            self._prepare()
+        except Exception:
+            for publisher in set(self.publishers) - publishers:
+                self.destroy_publisher(publisher)
+            for service in set(self.services) - services:
+                self.destroy_service(service)
+            self._sensors = self._exposure = self._store = None
+            raise
+
+    def _prepare(self) -> None:
         self.settings, self._serving = params.read(self, LiveSettings), params.read(self, ServingSettings)
         if self.settings.dashboard:
             check_page()
@@ -146,16 +160,25 @@ class BiodynNode(LifecycleNode):
         self.pipeline = pipeline  # last: with it the node is configured
 
     def _activate(self) -> None:
+        """Start everything; a failure stops what has started, or a second attempt would receive each sample twice."""
+        try:
+            self._start()
+        except Exception:
+            self._deactivate()
+            raise
+
+    def _start(self) -> None:
         self._sensors.open()
         self._publications.update_subscribers()
         block_ms = self.settings.block_ms
-        self._node_timers = self._steady_timers(
+        self._start_timers(
             [
                 (1e3 / block_ms if block_ms else REFRESH_RATE_HZ, self._take_block),
                 (DRAIN_RATE_HZ, self._sensors.drain),
                 (REFRESH_RATE_HZ, self._update_subscribers),
             ]
-        ) + self._steady_timers(
+        )
+        self._start_timers(
             [
                 (self.settings.exposure_rate_hz, lambda: self._publications.exposure(self.pipeline)),
                 (DIAGNOSTICS_RATE_HZ, self._publish_diagnostics),
@@ -169,23 +192,28 @@ class BiodynNode(LifecycleNode):
             self.get_logger().info(f"the page: {self._page.link}")
         self.get_logger().info(f"predicting for {self.pipeline.subject.name}, listening to {len(SENSORS)} sensors")
 
-    def _steady_timers(self, rates: list[tuple[float, Callable[[], None]]]) -> list[Any]:
-        """Timers on a steady clock of their own: rcl warns of more than seven on one clock."""
+    def _start_timers(self, rates: list[tuple[float, Callable[[], None]]]) -> None:
+        """Start timers on a steady clock of their own: rcl warns of more than seven on one clock."""
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        return [
-            self.create_timer(1.0 / rate_hz, guarded(callback, self._log_timer_error), clock=steady)
-            for rate_hz, callback in rates
-        ]
+        for rate_hz, callback in rates:
+            run = guarded(partial(self._on_timer, callback), self._log_timer_error)
+            self._node_timers.append(self.create_timer(1.0 / rate_hz, run, clock=steady))
+
+    def _on_timer(self, callback: Callable[[], None]) -> None:
+        """Run a timer's callback; after the end of the timers the executor may still call one that was due before."""
+        if self._node_timers:
+            callback()
 
     def _deactivate(self) -> None:
-        self._end_page()
         if self._sensors is not None:
             self._sensors.close()
         for timer in self._node_timers:
             self.destroy_timer(timer)
         self._node_timers = []
+        self._end_page()
 
     def _cleanup(self) -> None:
+        self._deactivate()  # without a pipeline a timer would raise at every tick
         self._close_store()
         self._publications.close()
         for service in self._node_services:

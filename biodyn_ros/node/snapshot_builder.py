@@ -124,14 +124,14 @@ def _status(status: Status) -> dict[str, Any]:
 
 
 def _fit(pipeline: Pipeline) -> dict[str, Any]:
-    """Whether the model fits, unknown (None) without a usual residual; what does not fit now, and why it is unknown."""
-    lasting = pipeline.fit_monitor.lasting()
+    """Whether the model fits, None while that is unknown; what does not fit now, and why it is unknown."""
+    lasting, unknown = pipeline.fit_monitor.lasting(), pipeline.fit_unknown
     return {
-        "fits": None if pipeline.not_monitored else not lasting,
+        "fits": None if unknown else not lasting,
         "misfits": [
             {"name": words(one.segment), "since_s": 1e-9 * one.begin_ns, "ratio": one.ratio} for one in lasting
         ],
-        "unknown": pipeline.not_monitored,
+        "unknown": unknown,
     }
 
 

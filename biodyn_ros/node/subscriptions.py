@@ -73,7 +73,9 @@ class Subscriptions:
         self._next_compared = itertools.cycle(SENSORS)
 
     def open(self) -> None:
-        """Subscribe to the six topics."""
+        """Subscribe to the six topics; what was sent while none was open is not lost."""
+        for health in self.health.values():
+            health.forget_numbers()
         # The seat first: its samples while other topics are matched must not be lost.
         for sensor in SENSORS:
             # An executor that serves all subscriptions loses time, and nothing else.
@@ -141,9 +143,9 @@ class Subscriptions:
             self._single = 0
             self._push_all(self._arrived(SEAT, [message]))
             return
+        self.health[SEAT].arrived()  # a message that is refused has arrived too: otherwise it would count as lost
         stamp_ns, accel_mps2 = decode_imu_one(message)
         self._push(SEAT, np.array([stamp_ns]), np.array([accel_mps2]))
-        self.health[SEAT].arrived()
         self._note_seat(stamp_ns)
 
     def _on_seat_block(self, messages: list[bytes]) -> None:

@@ -76,8 +76,8 @@ class ExposureReport:
     sensors: Wk-weighted, before the low-pass. predicted and measured_low_passed: comparable with each other.
     also_weighted: by weighting and sensor. seat: None before it has counted. joint_forces: predicted, by the segment
     above the joint. origin: of the subject's parameters. spreads: of the predicted figures, by segment; no_interval:
-    why there is none, empty if there are. not_monitored: why misfits are not searched for, empty if they are. warnings
-    to is_made_by_model: of the bag; times: the stamps used, by sensor.
+    why there is none, empty if there are. not_monitored: why it is unknown whether the model fits, empty if it is
+    known. warnings to is_made_by_model: of the bag; times: the stamps used, by sensor.
     """
 
     bag: str
@@ -182,7 +182,7 @@ def exposure_report(pipeline: Pipeline, bag: str = "", project: bool = False) ->
         spreads=since.spreads,
         no_interval="" if since.spreads else pipeline.no_interval or NO_WINDOW,
         misfits=list(_misfits(pipeline)),
-        not_monitored=pipeline.not_monitored,
+        not_monitored=pipeline.fit_unknown,
     )
 
 

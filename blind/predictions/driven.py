@@ -17,7 +17,7 @@ from world.effects.wearing import Stream
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.quantiles import NORMAL_95
-from biodyn_core.base.segments import SEGMENTS
+from biodyn_core.base.segments import SEAT, SEGMENTS
 from biodyn_core.body import parameter_spread, usual_residual
 from biodyn_core.body.model import Chain
 from biodyn_core.body.parameters import UNFITTED
@@ -30,7 +30,7 @@ from biodyn_core.identification.problem import Case
 from biodyn_core.identification.uncertainty import uncertainty
 from biodyn_core.pipeline.exposure import Exposure
 from biodyn_core.pipeline.fit_monitor import squares_of
-from biodyn_core.pipeline.frames import Frames, PredictedFrames
+from biodyn_core.pipeline.frames import Frames, MeasuredFrames, PredictedFrames
 from biodyn_core.pipeline.interleaving import in_turns
 from biodyn_core.pipeline.intervals import carried
 from biodyn_core.pipeline.pipeline import Pipeline
@@ -133,9 +133,7 @@ def driven(person: Person) -> Drive | None:
         predicted = []
         for frames in _pushed(pipeline, streams, event):
             predicted.append(frames.predicted)
-            measured = frames.measured
-            rows = np.concatenate([measured.residual_mps2, measured.accel_mps2[:, 1:]], axis=1)
-            collected += [(w.begin_ns, *squares_of(w)) for w in windows.push(measured.stamps_ns, rows)]
+            collected += _squares(windows, pipeline, frames.measured)
         if not has_effect:
             truth = Truth(subject)
             truth.push(one.plain[index])
@@ -155,6 +153,14 @@ def driven(person: Person) -> Drive | None:
         person.number, person.kind, person.ratio, error_percent, dict(subject.provenance), figures, seconds, residual,
         predicted_squares, float(min(begins_s, 1e9)), float(plain.sum()), person.drifts,
     )  # fmt: skip
+
+
+def _squares(windows: SecondWindows, pipeline: Pipeline, measured: MeasuredFrames) -> Iterator[tuple[Any, ...]]:
+    """Begin, ns, and mean squares of residual and prediction of each window that these frames complete."""
+    if measured.stamps_ns.size:
+        rows = np.concatenate([measured.residual_mps2, measured.accel_mps2[:, 1:]], axis=1)
+        for window in windows.push(measured.stamps_ns, rows, pipeline.conditioners[SEAT].rate_hz):
+            yield window.begin_ns, *squares_of(window)
 
 
 def fitted(person: Person) -> tuple[Subject, float]:
