@@ -467,6 +467,21 @@ def test_runs_of_one_event_are_pooled():
     assert document["warnings"] == ["neck: something was odd"]
 
 
+@pytest.mark.parametrize("pulse_s", [10.0, 16.0])
+def test_the_window_in_a_later_run_has_the_time_of_the_clock(pulse_s: float) -> None:
+    """Runs of 5 s begin at 0, 6 and 12 s; a pulse of the head at 10 s is 8 s after the first warm-up."""
+
+    def run(begin_s: float) -> Recording:
+        still = event(5.0)
+        since_s = begin_s + 1e-9 * still.stamps_ns
+        head = np.where(np.abs(since_s - pulse_s) < 0.0055, 50.0, 0.0)
+        one = with_measured(still, lambda measured: np.copyto(measured[:, HEAD], head))
+        return dataclasses.replace(one, stamps_ns=still.stamps_ns + round(1e9 * begin_s))
+
+    hic = document_of(run(0.0), run(6.0), run(12.0))["exposure"]["hic15"]["measured"]
+    assert np.mean(hic["windows_s"]["vertical"]) == pytest.approx(pulse_s - WARM_UP_S, abs=1e-6)
+
+
 def test_a_model_that_diverges_is_refused():
     wild = dataclasses.replace(event(), seat_mps2=1e7 * event().seat_mps2)
     with pytest.raises(InputError, match="diverges: fit it again"), np.errstate(all="ignore"):

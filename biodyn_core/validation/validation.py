@@ -288,15 +288,19 @@ def _hics(runs: Sequence[PredictedRun], rate_hz: float, side: Callable[[Predicte
 
 
 def _count(runs: Sequence[PredictedRun], meter: Any, rows: Callable[[PredictedRun], Floats]) -> None:
-    """Push the runs to a meter without their warm-up; the first run's warm-up only settles its filters."""
+    """Push the runs to a meter without their warm-up; the first run's warm-up only settles its filters.
+
+    The warm-up of a later run belongs to the break before it, so that times after it stay those of the clock.
+    """
     for number, run in enumerate(runs):
         values = np.ascontiguousarray(rows(run))
         if number == 0:
             meter.push(values[: run.begin])
             meter.reset()
         else:
-            before, now = runs[number - 1].recording.stamps_ns[-1], run.recording.stamps_ns[0]
-            meter.skip(max(0.0, 1e-9 * float(now - before)))
+            before, now = runs[number - 1].recording.stamps_ns[-1], run.recording.stamps_ns[run.begin]
+            # Samples that follow each other have no break between them, but one period.
+            meter.skip(max(0.0, 1e-9 * float(now - before) - 1.0 / run.recording.rate_hz))
         meter.push(values[run.begin :])
 
 
