@@ -107,6 +107,29 @@ def test_the_interval_is_that_of_a_replay_of_the_same_motion(tmp_path):
         assert upper / lower == pytest.approx(uppermost / lowest, rel=0.01)
 
 
+def test_a_sensor_effect_changes_the_comparison_and_not_the_predicted_figures():
+    """The sensor of the head reads 29 % too much, as the subject says; a factor of 1.25 is allowed for doses."""
+
+    def louder(measured: np.ndarray) -> None:
+        measured[:, HEAD] *= 1.29
+
+    who = with_spread(subject())
+    faulty = dataclasses.replace(who, effects=(CATALOGUE["gain"].sized("head", 0.29),))
+    report = validate_recordings([with_measured(event(), louder)], faulty)
+    document, plain = validation_document(report), validation_document(validate_recordings([event()], who))
+    of_figures, of_plain = (one["exposure"]["segments"]["head"]["predicted"] for one in (document, plain))
+    assert of_figures.keys() == of_plain.keys()
+    for key, value in of_plain.items():
+        assert of_figures[key] == pytest.approx(value), key
+    assert document["exposure"]["hic15"]["predicted"] == plain["exposure"]["hic15"]["predicted"]
+    assert document["error"]["segments"]["head"]["nrmse_rms_percent"] < 1e-6
+    assert document["stht"]["peak_ratio"] == pytest.approx(1.0)
+    assert ("disagrees", "vdv", "head") not in kinds(document)
+    unknown = validate_recordings([event()], faulty)
+    (finding,) = (each for each in unknown.findings if (each.what, each.segment) == ("vdv", "head"))
+    assert finding.text.startswith("head: predicted VDV, as its sensor would read it, is 1.29 times the measured one")
+
+
 def test_an_effect_of_other_axes_has_no_interval_and_a_reason(tmp_path):
     bag, pitch = tmp_path / "road.mcap", CATALOGUE["pitch"]
     simulate_bag(bag, subject(), load_case("road", 8.0, np.random.default_rng(3)), 3, SensorSettings())
