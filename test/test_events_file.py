@@ -17,12 +17,13 @@ from pages import NASTY, Page, empty_drawings
 from session_bags import session_bag
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.base.segments import SENSORS
+from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.sessions.findings import Fault
 from biodyn_core.sessions.settings import SessionSettings
 from biodyn_core.tracing.settings import FloorSettings
 from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.bag.cdr import STRING_TYPE
+from biodyn_ros.base import topics
 from biodyn_ros.commands.cli import main
 from biodyn_ros.events.drawings import COLUMNS, decimated, timeline, timeline_rows
 from biodyn_ros.events.finding import SessionOptions, find_events, find_sessions, read_spans, spans_of
@@ -390,17 +391,21 @@ def test_a_wrong_table_is_one_line(tmp_path: Path, text: str, message: str) -> N
         read_spans(path)
 
 
-def test_marks_of_the_bag_name_its_events(place: Path, tmp_path: Path) -> None:
-    """A node with a namespace has marked gravel at 1 s and its end at 19 s."""
+@pytest.mark.parametrize(("seat_from_s", "gravel_from_s"), [(0.0, 1.0), (2.5, 10.0)])
+def test_marks_of_the_bag_name_its_events(
+    place: Path, tmp_path: Path, seat_from_s: float, gravel_from_s: float
+) -> None:
+    """A node with a namespace has marked gravel before the middle of the first road, and its end at 19 s."""
     bag = tmp_path / "marked.mcap"
     with open_bag(place / "session.mcap") as reader, BagWriter(bag) as writer:
         begin_ns = reader.start_ns or 0
         for block in reader.blocks():
             writer.add_topic(block.topic, block.type)
             messages = np.frombuffer(b"".join(block.messages()), np.uint8).reshape(len(block), -1)
-            writer.write(block.topic, block.log_ns, messages)
+            kept = block.log_ns >= begin_ns + (round(1e9 * seat_from_s) if block.topic == topics.INPUT[SEAT] else 0)
+            writer.write(block.topic, block.log_ns[kept], messages[kept])
         writer.add_topic("/car/biodyn/marks", STRING_TYPE)
-        for at_s, name in ((1.0, "Gravel"), (19.0, "end")):
+        for at_s, name in ((gravel_from_s, "Gravel"), (19.0, "end")):
             data = name.encode() + b"\0"
             message = bytes([0, 1, 0, 0]) + len(data).to_bytes(4, "little") + data
             stamp = np.array([begin_ns + round(1e9 * at_s)])

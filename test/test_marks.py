@@ -10,13 +10,13 @@ import pytest
 from streams import START_NS, noisy_streams, subject
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.base.segments import SEAT
+from biodyn_core.base.segments import SEAT, STANDARD_GRAVITY_MPS2
 from biodyn_core.pipeline.pipeline import Pipeline
-from biodyn_ros.bag import BagWriter
+from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.bag.cdr import IMU_TYPE, STRING_TYPE, decode_string, encode_imu
 from biodyn_ros.base import topics
 from biodyn_ros.node.health import MARKS_SHOWN, HealthMonitor
-from biodyn_ros.replay.replaying import replay_to_directory
+from biodyn_ros.replay.replaying import replay, replay_to_directory
 from biodyn_ros.replay.text import summary
 
 LATE_NS = 7_000_000
@@ -54,6 +54,25 @@ def test_a_replay_lists_the_marks_of_the_recording(bag: Path, tmp_path: Path) ->
     ]
     assert "marked: mark 1 at 1.250 s, mark 2 at 3.500 s" in summary(replayed.report)
     assert "<td>mark 2</td><td>3.500</td>" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_marks_count_from_the_seat_though_another_sensor_began_earlier(bag: Path, tmp_path: Path) -> None:
+    """The head was recorded from 30 s before the first sample of the seat on; a part counts from its begin."""
+    early = tmp_path / "early.mcap"
+    with open_bag(bag) as reader, BagWriter(early) as writer:
+        assert reader.start_ns is not None
+        head_ns = reader.start_ns - 30 * 10**9 + 10**7 * np.arange(1000)
+        writer.add_topic(topics.INPUT["head"], IMU_TYPE)
+        still = np.tile([0.0, 0.0, STANDARD_GRAVITY_MPS2], (head_ns.size, 1))
+        writer.write(topics.INPUT["head"], head_ns, encode_imu(head_ns - LATE_NS, still, 0.0 * still, "imu"))
+        for block in reader.blocks():
+            writer.add_topic(block.topic, block.type)
+            messages = np.frombuffer(b"".join(block.messages()), np.uint8).reshape(len(block), -1)
+            writer.write(block.topic, block.log_ns, messages)
+    marks = replay(early, subject()).report.marks
+    assert [mark.time_s for mark in marks] == [pytest.approx(1.25), pytest.approx(3.5)]
+    (mark,) = replay(f"{early}@1.5..4.5", subject()).report.marks
+    assert mark == ("mark 2", pytest.approx(2.0))
 
 
 @pytest.mark.parametrize("order", ["little", "big"])

@@ -21,6 +21,7 @@ from biodyn_core.body.parameters import UNFITTED
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.settings import FitSettings
+from biodyn_core.sessions.settings import SessionSettings
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_ros.base.progress import silent
 from biodyn_ros.base.resources import subject_file
@@ -34,7 +35,7 @@ from biodyn_ros.subject.making import Helpers, MadeSubject, SubjectOptions, make
 from biodyn_ros.subject.page import subject_page, write_page
 from biodyn_ros.subject.people import Person, load_people, make_people
 from biodyn_ros.subject.people_page import people_page, text_of, verdict_of
-from biodyn_ros.subject.steps import StepLog, key_of
+from biodyn_ros.subject.steps import Step, StepLog, key_of
 from biodyn_ros.subject.text import document_of
 from biodyn_ros.subject.text import text_of as subject_text
 from biodyn_ros.subject.uses import used_events
@@ -194,6 +195,52 @@ def test_a_log_of_another_version_is_not_used(tmp_path: Path) -> None:
     assert (
         StepLog(path).run("fit", key_of(1), [], dict).again and not StepLog(path).run("fit", key_of(2), [], dict).again
     )
+
+
+def test_a_failed_repeat_forgets_no_finished_step_and_no_edited_events(made: MadeSubject, bag: Path) -> None:
+    """A table that does not exist, the original options again, and another setting, after an edit by hand."""
+    directory = made.directory.with_name("repeated")
+    shutil.copytree(made.directory, directory)
+    path = directory / "events.yaml"
+    edited = path.read_text() + "# seen by Anna\n"
+    path.write_text(edited)
+    missing = dataclasses.replace(OPTIONS.session, cases=str(directory / "condition.csv"))
+    with pytest.raises(InputError, match=r"condition\.csv: cannot be read"):
+        make(bag, directory, options=dataclasses.replace(OPTIONS, session=missing))
+    stored = json.loads((directory / "subject.json").read_text())
+    assert [(step["name"], step["state"]) for step in stored["steps"]] == [("events", "failed")]
+    assert [step["name"] for step in stored["kept"]] == ["events", "fit", "validate", "trace"]
+    _, lines = make(bag, directory)
+    assert lines == [f"{name}: done, used again" for name in ("events", "fit", "validate", "trace")]
+    assert path.read_text() == edited
+    other = dataclasses.replace(OPTIONS.session, session=SessionSettings(shock_g=0.81))
+    _, lines = make(bag, directory, options=dataclasses.replace(OPTIONS, session=other))
+    assert lines[0] == "events: the earlier events.yaml is kept as events.earlier.yaml"
+    assert (directory / "events.earlier.yaml").read_text() == edited != path.read_text()
+    make(bag, directory)
+    assert not (directory / "events.earlier_2.yaml").exists()  # a file that nobody edited is not kept
+
+
+def test_a_step_is_used_again_until_another_run_writes_its_files(tmp_path: Path) -> None:
+    def first() -> Step:
+        return StepLog(tmp_path / "subject.json").run("fit", "first", [], dict)
+
+    def other(writes: bool, error: type[BaseException]) -> None:
+        log = StepLog(tmp_path / "subject.json")
+
+        def work() -> dict[str, object]:
+            if writes:
+                log.forget("fit")
+            raise error("stopped")
+
+        log.run("fit", "other", [], work)
+
+    assert not first().again
+    other(writes=False, error=InputError)
+    assert first().again
+    with pytest.raises(KeyboardInterrupt):
+        other(writes=True, error=KeyboardInterrupt)
+    assert not first().again
 
 
 # --- uses ------------------------------------------------------------------------------------------------------------

@@ -107,6 +107,29 @@ def test_the_interval_is_that_of_a_replay_of_the_same_motion(tmp_path):
         assert upper / lower == pytest.approx(uppermost / lowest, rel=0.01)
 
 
+def test_a_sensor_effect_changes_the_comparison_and_not_the_predicted_figures():
+    """The sensor of the head reads 29 % too much, as the subject says; a factor of 1.25 is allowed for doses."""
+
+    def louder(measured: np.ndarray) -> None:
+        measured[:, HEAD] *= 1.29
+
+    who = with_spread(subject())
+    faulty = dataclasses.replace(who, effects=(CATALOGUE["gain"].sized("head", 0.29),))
+    report = validate_recordings([with_measured(event(), louder)], faulty)
+    document, plain = validation_document(report), validation_document(validate_recordings([event()], who))
+    of_figures, of_plain = (one["exposure"]["segments"]["head"]["predicted"] for one in (document, plain))
+    assert of_figures.keys() == of_plain.keys()
+    for key, value in of_plain.items():
+        assert of_figures[key] == pytest.approx(value), key
+    assert document["exposure"]["hic15"]["predicted"] == plain["exposure"]["hic15"]["predicted"]
+    assert document["error"]["segments"]["head"]["nrmse_rms_percent"] < 1e-6
+    assert document["stht"]["peak_ratio"] == pytest.approx(1.0)
+    assert ("disagrees", "vdv", "head") not in kinds(document)
+    unknown = validate_recordings([event()], faulty)
+    (finding,) = (each for each in unknown.findings if (each.what, each.segment) == ("vdv", "head"))
+    assert finding.text.startswith("head: predicted VDV, as its sensor would read it, is 1.29 times the measured one")
+
+
 def test_an_effect_of_other_axes_has_no_interval_and_a_reason(tmp_path):
     bag, pitch = tmp_path / "road.mcap", CATALOGUE["pitch"]
     simulate_bag(bag, subject(), load_case("road", 8.0, np.random.default_rng(3)), 3, SensorSettings())
@@ -465,6 +488,21 @@ def test_runs_of_one_event_are_pooled():
     pooled = (one["vdv_mps175"] ** 4 + other["vdv_mps175"] ** 4) ** 0.25
     assert both["vdv_mps175"] == pytest.approx(pooled, rel=0.01)  # the second run's filters start behind a break
     assert document["warnings"] == ["neck: something was odd"]
+
+
+@pytest.mark.parametrize("pulse_s", [10.0, 16.0])
+def test_the_window_in_a_later_run_has_the_time_of_the_clock(pulse_s: float) -> None:
+    """Runs of 5 s begin at 0, 6 and 12 s; a pulse of the head at 10 s is 8 s after the first warm-up."""
+
+    def run(begin_s: float) -> Recording:
+        still = event(5.0)
+        since_s = begin_s + 1e-9 * still.stamps_ns
+        head = np.where(np.abs(since_s - pulse_s) < 0.0055, 50.0, 0.0)
+        one = with_measured(still, lambda measured: np.copyto(measured[:, HEAD], head))
+        return dataclasses.replace(one, stamps_ns=still.stamps_ns + round(1e9 * begin_s))
+
+    hic = document_of(run(0.0), run(6.0), run(12.0))["exposure"]["hic15"]["measured"]
+    assert np.mean(hic["windows_s"]["vertical"]) == pytest.approx(pulse_s - WARM_UP_S, abs=1e-6)
 
 
 def test_a_model_that_diverges_is_refused():

@@ -65,9 +65,7 @@ class BesidePeople:
 
     def share_within(self, deviations: float) -> tuple[float, float]:
         """Shares of frequencies with modulus and with phase within so many standard deviations of the mean."""
-        modulus, phase = (
-            np.abs(value - mean) / sd <= deviations for _, value, mean, sd in _compared(self.curves, self.band)
-        )
+        modulus, phase = (one.away <= deviations for one in _compared(self.curves, self.band))
         return float(np.mean(modulus)), float(np.mean(phase))
 
 
@@ -83,20 +81,39 @@ def beside_people(subject: Subject, as_printed: bool = False) -> BesidePeople:
     return BesidePeople(subject, at_one, band, tuple(softened), tuple(_outside(at_one, band)))
 
 
-def _compared(of: Curves, band: Band) -> Iterator[tuple[str, Floats, Floats, Floats]]:
-    """Name, value, mean and standard deviation of modulus and phase, over frequency."""
-    yield "modulus", np.abs(of.apparent_mass), band.modulus, band.modulus_sd
-    yield "phase", np.degrees(np.angle(of.apparent_mass)), band.phase_deg, band.phase_sd_deg
+@dataclass(frozen=True, eq=False)
+class _Compared:
+    """Values of a subject over frequency, beside mean and standard deviation of the group."""
+
+    quantity: str
+    frequency_hz: Floats
+    value: Floats
+    mean: Floats
+    sd: Floats
+
+    @property
+    def away(self) -> Floats:
+        """Distances from the mean in standard deviations."""
+        return np.asarray(np.abs(self.value - self.mean) / self.sd)
+
+
+def _compared(of: Curves, band: Band) -> Iterator[_Compared]:
+    """Modulus and phase; without the first line of the modulus, which is 1 for everybody and differs by rounding."""
+    modulus = (of.frequency_hz, np.abs(of.apparent_mass), band.modulus, band.modulus_sd)
+    yield _Compared("modulus", *(values[1:] for values in modulus))
+    phase_deg = np.degrees(np.angle(of.apparent_mass))
+    yield _Compared("phase", of.frequency_hz, phase_deg, band.phase_deg, band.phase_sd_deg)
 
 
 def _outside(of: Curves, band: Band) -> Iterator[Outside]:
-    for quantity, value, mean, sd in _compared(of, band):
-        away = np.abs(value - mean) / sd
-        for begin, end in _stretches(away > DEVIATIONS):
-            at = begin + int(np.argmax(away[begin:end]))
+    for one in _compared(of, band):
+        frequency_hz, sd = one.frequency_hz, one.sd
+        for begin, end in _stretches(one.away > DEVIATIONS):
+            at = begin + int(np.argmax(one.away[begin:end]))
             yield Outside(
-                quantity, float(of.frequency_hz[begin]), float(of.frequency_hz[end - 1]), float(of.frequency_hz[at]),
-                float(value[at]), float(mean[at] - DEVIATIONS * sd[at]), float(mean[at] + DEVIATIONS * sd[at]),
+                one.quantity, float(frequency_hz[begin]), float(frequency_hz[end - 1]), float(frequency_hz[at]),
+                float(one.value[at]), float(one.mean[at] - DEVIATIONS * sd[at]),
+                float(one.mean[at] + DEVIATIONS * sd[at]),
             )  # fmt: skip
 
 

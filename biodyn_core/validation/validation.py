@@ -37,7 +37,9 @@ _WINDOW_S: Final = 1.0
 class PredictedRun:
     """A recording and its prediction; predicted_mps2 (n, 6) is NaN wherever measured_mps2 (n, 6) is masked.
 
-    Both by segment. The central torso, which has no sensor, is masked in measured_mps2 alone.
+    Both by segment. predicted_mps2 is what sensors with the subject's effects would read, to compare with
+    measured_mps2; moved_mps2 is the motion of the segments itself. The central torso, which has no sensor, is masked in
+    measured_mps2 alone.
     """
 
     recording: Recording
@@ -58,6 +60,11 @@ class PredictedRun:
         masked = np.isnan(recording.measured_mps2)
         predicted[:, MEASURED_SEGMENT_INDEX] = np.where(masked, np.nan, predicted[:, MEASURED_SEGMENT_INDEX])
         return cls(recording, response, measured, predicted)
+
+    @property
+    def moved_mps2(self) -> Floats:
+        """The predicted motion of the segments, (n, 6), NaN as predicted_mps2."""
+        return np.where(np.isnan(self.predicted_mps2), np.nan, self.response.accel_mps2)
 
     @property
     def begin(self) -> int:
@@ -110,13 +117,16 @@ class HeadPeaks:
 class Exposures:
     """Doses by segment, DRI, and HIC by the name of its window, of low-passed channels after the warm-up.
 
-    masked: segments, and the seat, with missing samples, so that their figures are lower bounds. spreads: of the
-    predicted figures, by segment, for their intervals; no_interval: why there are none, empty if there are.
+    predicted and predicted_hic: of the motion of the segments; as_read: of what their sensors would read, comparable
+    with measured. masked: segments, and the seat, with missing samples, so that their figures are lower bounds.
+    spreads: of the predicted figures, by segment, for their intervals; no_interval: why there are none, empty if there
+    are.
     """
 
     seat: Dose
     measured: Mapping[str, Dose]
     predicted: Mapping[str, Dose]
+    as_read: Mapping[str, Dose]
     masked: frozenset[str]
     dri: Dri
     measured_hic: Mapping[str, Hic]
@@ -226,20 +236,27 @@ def _error(predicted: Floats, measured: Floats, rate_hz: float) -> SegmentError 
 
 
 def _exposures(runs: Sequence[PredictedRun], rate_hz: float, subject: Subject) -> Exposures:
-    doses = DoseMeter("Wk", rate_hz, 1 + 2 * len(SEGMENTS), _WINDOW_S)
+    def channels(run: PredictedRun) -> Floats:
+        return np.column_stack([run.seat_mps2, run.measured_mps2, run.moved_mps2, run.predicted_mps2])
+
+    doses = DoseMeter("Wk", rate_hz, 1 + 3 * len(SEGMENTS), _WINDOW_S)
     dri = DriMeter(rate_hz, _WINDOW_S)
-    _count(runs, doses, lambda run: np.column_stack([run.seat_mps2, run.measured_mps2, run.predicted_mps2]))
+    _count(runs, doses, channels)
     _count(runs, dri, lambda run: run.seat_mps2[:, None])
     seat, *others = doses.since_reset()
+    measured, moved, read = (
+        dict(zip(SEGMENTS, others[at : at + len(SEGMENTS)], strict=True)) for at in range(0, len(others), len(SEGMENTS))
+    )
     spreads, no_interval = _spreads(runs, rate_hz, subject)
     return Exposures(
         seat=seat,
-        measured=dict(zip(SEGMENTS, others[: len(SEGMENTS)], strict=True)),
-        predicted=dict(zip(SEGMENTS, others[len(SEGMENTS) :], strict=True)),
+        measured=measured,
+        predicted=moved,
+        as_read=read,
         masked=frozenset(_masked(runs)),
         dri=dri.since_reset(),
         measured_hic=_hics(runs, rate_hz, lambda run: run.measured_mps2),
-        predicted_hic=_hics(runs, rate_hz, lambda run: run.predicted_mps2),
+        predicted_hic=_hics(runs, rate_hz, lambda run: run.moved_mps2),
         spreads=spreads,
         no_interval=no_interval,
     )
@@ -288,15 +305,19 @@ def _hics(runs: Sequence[PredictedRun], rate_hz: float, side: Callable[[Predicte
 
 
 def _count(runs: Sequence[PredictedRun], meter: Any, rows: Callable[[PredictedRun], Floats]) -> None:
-    """Push the runs to a meter without their warm-up; the first run's warm-up only settles its filters."""
+    """Push the runs to a meter without their warm-up; the first run's warm-up only settles its filters.
+
+    The warm-up of a later run belongs to the break before it, so that times after it stay those of the clock.
+    """
     for number, run in enumerate(runs):
         values = np.ascontiguousarray(rows(run))
         if number == 0:
             meter.push(values[: run.begin])
             meter.reset()
         else:
-            before, now = runs[number - 1].recording.stamps_ns[-1], run.recording.stamps_ns[0]
-            meter.skip(max(0.0, 1e-9 * float(now - before)))
+            before, now = runs[number - 1].recording.stamps_ns[-1], run.recording.stamps_ns[run.begin]
+            # Samples that follow each other have no break between them, but one period.
+            meter.skip(max(0.0, 1e-9 * float(now - before) - 1.0 / run.recording.rate_hz))
         meter.push(values[run.begin :])
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
+import shutil
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -31,6 +33,22 @@ def write_text(path: Path, text: str, errors: str = "strict", mode: int = 0o666)
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+
+
+def keep_copy(path: Path) -> Path:
+    """Copy a file to a free name beside it, such as `events.earlier.yaml`; raises InputError if that fails."""
+    numbers = itertools.chain([""], (f"_{number}" for number in itertools.count(2)))
+    names = (f"{path.stem}.earlier{number}{path.suffix}" for number in numbers)
+    copy = next(free for name in names if not exists(free := path.with_name(name)))
+    part = copy.with_name(f".{copy.name}.part")
+    try:
+        shutil.copyfile(path, part)
+        part.replace(copy)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise InputError(f"{copy}: the earlier {path.name} cannot be kept ({error.strerror})") from None
+    return copy
 
 
 def exists(path: Path) -> bool:

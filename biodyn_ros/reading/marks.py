@@ -10,14 +10,14 @@ from biodyn_ros.base import topics
 
 
 class Mark(NamedTuple):
-    """A mark and its time, seconds after the first sample by the recorder's clock."""
+    """A mark and its time by the recorder's clock: seconds after the first sample of the seat, or a part's begin."""
 
     name: str
     time_s: float
 
 
 def marks_of(reader: BagReader, begin_ns: int) -> list[Mark]:
-    """The marks in order of time; begin_ns: log time of the first sample.
+    """The marks in order of time; begin_ns: log time at 0 s.
 
     The node may have another name or a namespace: the last part and the type of a topic identify it.
     """

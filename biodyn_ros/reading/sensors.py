@@ -60,8 +60,8 @@ class SensorReading:
             total = round(total * self._extent.share)
         done = 0
         for topic, block in self._imu_blocks(gyro):
-            if self._begin_ns is None:
-                self._begin_ns = int(block.log_ns[0])
+            if self._begin_ns is None and self._sensors[topic] == SEAT:
+                self._begin_ns = next(iter(block.log_ns[block.stamps_ns != 0].tolist()), None)
             yield self._sensors[topic], block
             self._clocks[topic].push(block.header_ns, block.log_ns)
             done += len(block.stamps_ns)
@@ -89,6 +89,7 @@ class SensorReading:
 
     def _extent_of(self, part: BagPart, beside_s: float) -> Extent:
         stamp_ns, log_ns = self.first_of_seat()
+        self._begin_ns = log_ns + round(1e9 * part.begin_s)
         length_s = 1e-9 * ((self._reader.end_ns or log_ns) - log_ns)
         if part.begin_s >= length_s or (part.end_s < math.inf and part.end_s > length_s + BEYOND_S):
             raise InputError(f"{part}: outside the bag, which has {length_s:.2f} s")
@@ -109,7 +110,7 @@ class SensorReading:
         return [*map(str, self._reader.warnings), *self._limit_notes]
 
     def marks(self) -> list[Mark]:
-        """The marks of the recording; empty before `blocks` has found its start."""
+        """The marks of the recording or the part; empty before `blocks` has found the first sample of the seat."""
         found = [] if self._begin_ns is None else marks_of(self._reader, self._begin_ns)
         return found if self._extent is None else [mark for mark in found if 0.0 <= mark.time_s <= self._extent.seconds]
 

@@ -12,7 +12,7 @@ from typing import Any, Final
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.parallel import ParallelMap
 from biodyn_core.body.subject import Subject, load_subject
-from biodyn_ros.base.files import exists, make_directory, remove, write_text
+from biodyn_ros.base.files import exists, keep_copy, make_directory, remove, write_text
 from biodyn_ros.events.finding import SessionOptions, find_sessions
 from biodyn_ros.fit.fitting import FitOptions, fit_bags, write_fitted
 from biodyn_ros.fit.summary import summary_of
@@ -104,6 +104,9 @@ class _Steps:
         def work() -> dict[str, Any]:
             with self._helpers.monitor("reading sessions") as progress:
                 found = find_sessions(sessions, o.session, progress)
+            if exists(path) and not self.log.is_as_written("events", [path]):
+                self._helpers.say(f"events: the earlier {path.name} is kept as {keep_copy(path).name}")
+            self.log.forget("events")
             write_events(found, path)
             self._page(path.with_suffix(".html"), lambda: _events_page(found))
             rests = sum(len(one.findings.rests) for one in found)
@@ -128,6 +131,7 @@ class _Steps:
                     remove(other)
             work = Work(self._helpers.executor, checkpoint, resume=True, monitor=self._helpers.monitor)
             report = fit_bags(used.fit, given, how, work)
+            self.log.forget("fit")
             write_fitted(report, path)
             work.finish()
             self._page(path.with_name("fitted.fit.html"), lambda: _fit_page(report))
@@ -147,6 +151,7 @@ class _Steps:
         key = key_of(fitted.to_dict(), _sources(used), o.validate)
 
         def work() -> dict[str, Any]:
+            self.log.forget("validate")
             return {"events": [self._validated(part, fitted, directory) for part in used.report]}
 
         self._say(self.log.run("validate", key, [directory] if used.report else [], work))
@@ -162,6 +167,7 @@ class _Steps:
             traced = trace_bags(
                 used.fit, subject, how, kept, self._helpers.say, self._helpers.parallel, self._helpers.monitor
             )
+            self.log.forget("trace")
             write_traced(traced, directory, o.report, None if traced.trace.adds else subject.to_yaml())
             return {"verdict": traced.trace.verdict, "headline": headline(traced.trace), "adds": traced.trace.adds}
 

@@ -43,11 +43,13 @@ def findings(found: Validation, role: Role | None, limits: ValidationSettings) -
             text = f"{words(name)}: error {percent} % of its rms, above {limits.nrmse_percent:g} %"
             yield Finding("disagrees", "nrmse", name, text)
     for name in SEGMENTS:
-        measured, predicted = found.exposures.measured[name], found.exposures.predicted[name]
-        if measured.seconds and predicted.seconds and measured.vdv_mps175 > 0.0:
-            ratio = predicted.vdv_mps175 / measured.vdv_mps175
+        measured, read = found.exposures.measured[name], found.exposures.as_read[name]
+        if measured.seconds and read.seconds and measured.vdv_mps175 > 0.0:
+            ratio = read.vdv_mps175 / measured.vdv_mps175
             if not 1.0 / limits.dose_ratio <= ratio <= limits.dose_ratio:
-                text = f"{words(name)}: predicted VDV is {number(ratio)} times the measured one"
+                is_own = read.vdv_mps175 == found.exposures.predicted[name].vdv_mps175
+                which = "predicted VDV" if is_own else "predicted VDV, as its sensor would read it,"
+                text = f"{words(name)}: {which} is {number(ratio)} times the measured one"
                 yield Finding("disagrees", "vdv", name, text + _allowed(limits.dose_ratio))
 
 

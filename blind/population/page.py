@@ -40,8 +40,8 @@ conditions. The mean is a formula that was compared with modulus and phase of th
 
 SUBJECTS: Final = (
     "Share of the frequencies from 0.5 to 20 Hz at which modulus and phase of the apparent mass are within one",
-    "standard deviation of the group's mean, both peaks, and the exponents of resonance over magnitude between the",
-    "magnitudes of the two groups.",
+    "standard deviation of the group's mean (the modulus without 0.5 Hz, where it is 1 for everybody), both peaks,",
+    "and the exponents of resonance over magnitude between the magnitudes of the two groups.",
     "",
 )
 
