@@ -115,6 +115,7 @@ def test_seconds_in_which_the_model_diverges_do_not_count_in_the_usual_residual(
     diverging = dataclasses.replace(calm, seat_mps2=shock)
     (accel,) = predictions(bent("cascade"), [diverging])
     assert np.isfinite(accel[:begin]).all() and not np.isfinite(accel[begin + 600 :]).any()
+    assert prediction_errors(bent("cascade"), [diverging])[0].is_unstable
     found = usual_residual(bent("cascade"), [diverging, calm])
     assert found == usual_residual(bent("cascade"), [dataclasses.replace(calm, **first), calm])
     assert found["head"].windows == 31
