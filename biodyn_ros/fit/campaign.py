@@ -11,6 +11,7 @@ from pathlib import Path
 
 from biodyn_core.base.errors import InputError, one_line
 from biodyn_ros.base.files import make_directory
+from biodyn_ros.base.json_files import finite
 from biodyn_ros.base.progress import OnProgress, ignore_progress, silent
 from biodyn_ros.fit.campaign_file import Campaign, Entry
 from biodyn_ros.fit.campaign_results import CampaignReport, Results, SubjectFit, fingerprint
@@ -60,7 +61,7 @@ def fit_one(entry: Entry, options: FitOptions, draw: bool) -> SubjectFit:
     own = dataclasses.replace(options, held_out=entry.held_out, cases=entry.cases)
     key = fingerprint(entry, options)  # of the bags as they are before the fit
     report = fit_bags(entry.bags, entry.subject, own, Work(monitor=silent))
-    mean_error_percent = summary_of(report).fitted_percent
+    mean_error_percent = finite(summary_of(report).fitted_percent)
     subject = fitted_subject(report).to_yaml()
     fit = SubjectFit(key, fit_document(report), subject, report.seconds, mean_error_percent)
     if not draw:

@@ -9,11 +9,11 @@ from typing import Final
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.base.wording import counted
 from biodyn_core.body.usual_residual import LEAST_WINDOWS
-from biodyn_core.identification.problem import Errors
 from biodyn_core.identification.residuals import ResidualCheck
 from biodyn_core.population.distribution import SPREAD
 from biodyn_ros.base.wording import number, parameter_name, with_interval, words
 from biodyn_ros.fit.report import FitEvent, FitName, Report
+from biodyn_ros.fit.summary import percent_text
 
 _SAME_OBJECTIVE: Final = 1.02
 """Objectives of two refiners that differ by no more than this factor are the same."""
@@ -57,12 +57,7 @@ def _error_rows(event: FitEvent) -> Iterator[str]:
     yield event.case.case + ("" if event.use == "fitted" else f" ({event.use})")
     for name, error in event.errors.items():
         cells = "".join(f"{number(percent):>12}" for percent in error.nrmse_rms_percent)
-        yield f"  {BY[name]:<23}{cells}{mean_text(error):>9}"
-
-
-def mean_text(error: Errors) -> str:
-    """The mean error, percent, or that there is none."""
-    return "diverges" if error.is_unstable else number(error.mean_percent)
+        yield f"  {BY[name]:<23}{cells}{percent_text(error.mean_percent):>9}"
 
 
 def _parameter_rows(report: Report) -> Iterator[str]:
