@@ -1,5 +1,6 @@
 """Campaigns: the file, results in order of completion, and failures of single subjects."""
 
+import dataclasses
 import json
 import os
 import re
@@ -23,7 +24,8 @@ from biodyn_ros.commands import cli
 from biodyn_ros.fit import campaign as campaigns
 from biodyn_ros.fit import campaign_results as results
 from biodyn_ros.fit.campaign import fit_campaign
-from biodyn_ros.fit.campaign_file import load_campaign
+from biodyn_ros.fit.campaign_file import Entry, load_campaign
+from biodyn_ros.fit.campaign_results import SubjectFit
 from biodyn_ros.fit.campaign_text import check_failed, text_of
 from biodyn_ros.fit.document import fitted_subject
 from biodyn_ros.fit.fitting import FitOptions, fit_bags
@@ -240,6 +242,22 @@ def test_an_internal_error_does_not_stop_the_others(field: Path, tmp_path: Path,
     monkeypatch.setattr(campaigns, "fit_one", lambda entry, options, draw: {}[entry.name])
     report = fit_campaign(load_campaign(field / "campaign.yaml"), tmp_path, QUICK)
     assert [row.error for row in report.rows] == [f"KeyError: '{name}'" for name in PEOPLE]
+
+
+def test_a_result_that_cannot_be_written_does_not_stop_the_others(field: Path, tmp_path: Path, monkeypatch) -> None:
+    def fitted(entry: Entry, options: FitOptions, draw: bool) -> SubjectFit:
+        fit = chores.fitted(entry)
+        return dataclasses.replace(fit, document={"mean": float("inf")}) if entry.name == "ben" else fit
+
+    monkeypatch.setattr(campaigns, "fit_one", fitted)
+    (tmp_path / "carl.fit.json").mkdir()
+    report = fit_campaign(load_campaign(field / "campaign.yaml"), tmp_path, QUICK)
+    assert [row.state for row in report.rows] == ["done", "failed", "failed"]
+    assert report.rows[1].error == "ValueError: Out of range float values are not JSON compliant: inf"
+    assert "carl.fit.json: cannot be written" in report.rows[2].error
+    assert [path.name for path in tmp_path.glob("*.yaml")] == ["anna.yaml"] and not (tmp_path / "ben.fit.json").exists()
+    document = json.loads((tmp_path / "campaign.json").read_text())
+    assert [row["state"] for row in document["subjects"]] == ["done", "failed", "failed"]
 
 
 def test_a_result_of_another_fit_is_not_overwritten(field: Path, tmp_path: Path, monkeypatch) -> None:

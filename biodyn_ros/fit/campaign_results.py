@@ -132,21 +132,23 @@ class Results:
 
     def add(self, entry: Entry, future: Future[SubjectFit]) -> None:
         """Write a subject's results, or the reason for their absence."""
-        row = self._rows[entry.name]
         try:
-            fit = result_of(future, entry.name)
+            row = self._written(entry, result_of(future, entry.name))
         except Exception as error:  # noqa: BLE001 - a fault in one fit must not stop the others
-            self._rows[entry.name] = dataclasses.replace(row, state="failed", error=one_line(error))
-        else:
-            output = self._output(entry)
-            write_json(json_beside(output), fit.document)
-            write_text(output, fit.subject)
-            page = self._page(output, fit)
-            self._rows[entry.name] = dataclasses.replace(
-                row, state="done", seconds=fit.seconds, mean_error_percent=fit.mean_error_percent,
-                result=output.name, fingerprint=fit.fingerprint, error=fit.page_fault, page=page,
-            )  # fmt: skip
+            row = dataclasses.replace(self._rows[entry.name], state="failed", error=one_line(error))
+        self._rows[entry.name] = row
         self.write()
+
+    def _written(self, entry: Entry, fit: SubjectFit) -> Row:
+        """Write the files of a subject; its row."""
+        output = self._output(entry)
+        write_json(json_beside(output), fit.document)
+        write_text(output, fit.subject)
+        page = self._page(output, fit)
+        return dataclasses.replace(
+            self._rows[entry.name], state="done", seconds=fit.seconds, mean_error_percent=fit.mean_error_percent,
+            result=output.name, fingerprint=fit.fingerprint, error=fit.page_fault, page=page,
+        )  # fmt: skip
 
     def _page(self, output: Path, fit: SubjectFit) -> str | None:
         """Write a subject's page; without one, remove that of an earlier fit."""
