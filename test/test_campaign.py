@@ -29,6 +29,7 @@ from biodyn_ros.fit.campaign_results import SubjectFit
 from biodyn_ros.fit.campaign_text import check_failed, text_of
 from biodyn_ros.fit.document import fitted_subject
 from biodyn_ros.fit.fitting import FitOptions, fit_bags
+from biodyn_ros.reading.parts import BagPart
 from biodyn_ros.simulate import motion_of_cases, simulate_bag
 from biodyn_ros.work.executors import executor_of
 
@@ -275,6 +276,28 @@ def test_a_result_of_another_fit_is_not_overwritten(field: Path, tmp_path: Path,
     (tmp_path / "ben.yaml").unlink()
     fit_campaign(campaign, tmp_path, QUICK, resume=True)
     assert fitted == [*PEOPLE, "ben"]
+
+
+def test_a_corrected_event_makes_another_fit(field: Path, tmp_path: Path) -> None:
+    """Rest, its bag and the drift of clocks can be corrected in the events file, and change the fit."""
+    entry = load_campaign(field / "campaign.yaml").entries[0]
+    rest = tmp_path / "rest.mcap"
+    rest.write_bytes((field / "ben.mcap").read_bytes())
+    part = BagPart(field / "anna.mcap", 0.0, 3.0, rest_s=(0.0, 1.0), clock_ppm={"head": 12.4, "neck": 3.0})
+
+    def of(one: BagPart) -> str:
+        return results.fingerprint(dataclasses.replace(entry, bags=(one,)), QUICK)
+
+    corrected = [
+        dataclasses.replace(part, **change)
+        for change in ({"rest_s": (0.0, 0.9)}, {"rest_s": None}, {"clock_ppm": {"head": 12.5}}, {"rest_bag": rest})
+    ]
+    assert len({of(one) for one in [part, *corrected]}) == 5
+    reordered = dataclasses.replace(part, clock_ppm={"neck": 3.0, "head": 12.4}, name="hit")
+    assert of(reordered) == of(part)
+    copy = tmp_path / "copy.mcap"
+    copy.write_bytes(rest.read_bytes())
+    assert of(dataclasses.replace(part, rest_bag=copy)) == of(corrected[-1])
 
 
 def test_results_do_not_overwrite_inputs(field: Path) -> None:

@@ -15,7 +15,8 @@ from biodyn_ros.base.files import write_text
 from biodyn_ros.base.json_files import keys_of, read_json, write_json
 from biodyn_ros.fit.campaign_file import Campaign, Entry
 from biodyn_ros.fit.fitting import FitOptions, json_beside, page_beside
-from biodyn_ros.reading.provenance import source_of
+from biodyn_ros.reading.parts import BagPart, part_of
+from biodyn_ros.reading.provenance import bag_sha256, source_of
 from biodyn_ros.reading.recordings import case_of
 from biodyn_ros.work.executors import result_of
 
@@ -125,8 +126,8 @@ class Results:
             if row and output.is_file() and json_beside(output).is_file():
                 if row.fingerprint != fingerprint(entry, options):
                     raise InputError(
-                        f"{output}: is of another fit: other subject, bags, cases, options or version; remove it to "
-                        "fit again, or give another directory"
+                        f"{output}: is of another fit: other subject, bags, events, cases, options or version; remove "
+                        "it to fit again, or give another directory"
                     )
                 self._rows[entry.name] = row
 
@@ -164,14 +165,20 @@ class Results:
 
 
 def fingerprint(entry: Entry, options: FitOptions) -> str:
-    """A hash of a fit: subject, bags by content with role and case, options, and version."""
+    """A hash of a fit: subject, bags by content with role, case, rest and clocks, options, and version."""
     bags = [
-        (role, source_of(bag), entry.cases.get(str(bag)) or case_of(bag))
+        (role, source_of(bag), entry.cases.get(str(bag)) or case_of(bag), _corrections(part_of(bag)))
         for role, paths in (("fitted", entry.bags), ("held out", entry.held_out))
         for bag in paths
     ]
     shared = dataclasses.replace(options, held_out=(), cases={})
     return hashlib.sha256(repr((entry.subject.to_dict(), bags, shared, __version__)).encode()).hexdigest()
+
+
+def _corrections(part: BagPart) -> object:
+    """What an events file says of a part beside its time; it can be edited after a fit."""
+    rest_bag = part.rest_bag and bag_sha256(part.rest_bag)
+    return part.rest_s, rest_bag, sorted(part.clock_ppm.items())
 
 
 def page_of(directory: Path) -> Path:
