@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import chores
@@ -262,11 +263,7 @@ def test_a_result_that_cannot_be_written_does_not_stop_the_others(field: Path, t
 
 
 def test_a_result_of_another_fit_is_not_overwritten(field: Path, tmp_path: Path, monkeypatch) -> None:
-    fitted = []
-    monkeypatch.setattr(
-        campaigns, "fit_one", lambda entry, options, draw: fitted.append(entry.name) or chores.fitted(entry)
-    )
-    monkeypatch.setattr(results, "fingerprint", lambda entry, options: f"{entry.name} {options.seed}")
+    fitted = stand_ins(monkeypatch)
     campaign = load_campaign(field / "campaign.yaml")
     fit_campaign(campaign, tmp_path, QUICK)
     with pytest.raises(InputError, match=r"anna.yaml: is of another fit: .*; remove it to fit again, or give another"):
@@ -276,6 +273,73 @@ def test_a_result_of_another_fit_is_not_overwritten(field: Path, tmp_path: Path,
     (tmp_path / "ben.yaml").unlink()
     fit_campaign(campaign, tmp_path, QUICK, resume=True)
     assert fitted == [*PEOPLE, "ben"]
+
+
+def test_a_result_that_is_not_of_the_campaign_is_not_overwritten(field: Path, tmp_path: Path, monkeypatch) -> None:
+    fitted = stand_ins(monkeypatch)
+    campaign = load_campaign(field / "campaign.yaml")
+    (tmp_path / "anna.yaml").write_text("of biodyn fit -o anna.yaml")
+    expected = (
+        r"anna.yaml: exists, but campaign.json does not list it as a result; remove it to fit again, or give another"
+    )
+    with pytest.raises(InputError, match=expected):
+        fit_campaign(campaign, tmp_path, QUICK)
+    assert [path.name for path in tmp_path.iterdir()] == ["anna.yaml"] and fitted == []
+    (tmp_path / "anna.yaml").unlink()
+
+    # An entry is dropped for one run, and added again.
+    fit_campaign(campaign, tmp_path, QUICK)
+    fit_campaign(dataclasses.replace(campaign, entries=campaign.entries[1:]), tmp_path, QUICK, resume=True)
+    before = (tmp_path / "campaign.json").read_bytes()
+    with pytest.raises(InputError, match=expected):
+        fit_campaign(campaign, tmp_path, QUICK, resume=True)
+    assert fitted == list(PEOPLE) and (tmp_path / "campaign.json").read_bytes() == before
+
+
+@pytest.mark.parametrize("file", ["anna.fit.json", "anna.yaml", "anna.fit.html"])
+def test_a_campaign_continues_after_an_interruption_while_it_wrote(
+    field: Path, tmp_path: Path, monkeypatch, file: str
+) -> None:
+    """Interrupted twice: before Anna's row is done, after this file of hers is written."""
+    fitted = stand_ins(monkeypatch)
+    campaign = load_campaign(field / "campaign.yaml")
+    with monkeypatch.context() as interrupted:
+        for name in ("write_json", "write_text"):
+            interrupted.setattr(results, name, interrupting(getattr(results, name), file))
+        for resume in (False, True):
+            with pytest.raises(KeyboardInterrupt):
+                fit_campaign(campaign, tmp_path, QUICK, resume=resume)
+            assert json.loads((tmp_path / "campaign.json").read_text())["subjects"][0]["state"] == "waiting"
+    # With other options the file may be a complete result of the fit before.
+    if (tmp_path / "anna.yaml").exists():
+        with pytest.raises(InputError, match=r"anna.yaml: is of another fit"):
+            fit_campaign(campaign, tmp_path, FitOptions(seed=1), resume=True)
+    report = fit_campaign(campaign, tmp_path, QUICK, resume=True)
+    assert len(report.named("done")) == 3 and fitted == ["anna", "anna", *PEOPLE]
+
+
+def stand_ins(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Fits that take no time; the names of those that were called."""
+    fitted: list[str] = []
+
+    def fit_one(entry: Entry, options: FitOptions, draw: bool) -> SubjectFit:
+        fitted.append(entry.name)
+        return dataclasses.replace(chores.fitted(entry), page="page")
+
+    monkeypatch.setattr(campaigns, "fit_one", fit_one)
+    monkeypatch.setattr(results, "fingerprint", lambda entry, options: f"{entry.name} {options.seed}")
+    return fitted
+
+
+def interrupting(write: Callable[..., None], file: str) -> Callable[..., None]:
+    """The function that writes, interrupted after this file."""
+
+    def written(path: Path, *args: object, **more: object) -> None:
+        write(path, *args, **more)
+        if path.name == file:
+            raise KeyboardInterrupt
+
+    return written
 
 
 def test_a_corrected_event_makes_another_fit(field: Path, tmp_path: Path) -> None:

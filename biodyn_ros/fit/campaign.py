@@ -36,16 +36,15 @@ def fit_campaign(
     Each subject has its own held-out bags and cases. A subject that fails is `failed`; the others continue. With resume
     a subject with a result is not fitted again. progress receives (bags of finished subjects, bags in all).
 
-    Raises InputError for a directory with a campaign if resume is not set, for a result of another fit in it, and for
-    results that would overwrite inputs of the campaign or cannot be written.
+    Raises InputError for a directory with a campaign if resume is not set, for a result in it of another fit or of no
+    campaign, for results that would overwrite inputs of the campaign, and if campaign.json cannot be written.
     """
     o = options or FitOptions()
     check_profiles(o)
     results = Results(campaign, directory)
-    if results.path.exists():
-        if not resume:
-            raise InputError(f"{results.path}: holds a campaign; give --resume to continue it, or another directory")
-        results.resume(o)
+    if results.path.exists() and not resume:
+        raise InputError(f"{results.path}: holds a campaign; give --resume to continue it, or another directory")
+    results.load(o)
     make_directory(directory)
     results.write()
     waiting = results.waiting

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from biodyn_core.base.errors import InputError, one_line
 from biodyn_ros import __version__
-from biodyn_ros.base.files import write_text
+from biodyn_ros.base.files import exists, write_text
 from biodyn_ros.base.json_files import keys_of, read_json, write_json
 from biodyn_ros.fit.campaign_file import Campaign, Entry
 from biodyn_ros.fit.fitting import FitOptions, json_beside, page_beside
@@ -43,7 +43,10 @@ class SubjectFit:
 
 @dataclass(frozen=True)
 class Row:
-    """One subject in campaign.json; `waiting` means not begun or not finished."""
+    """One subject in campaign.json; `waiting` means not begun or not finished.
+
+    fingerprint: of the fit that wrote its results, or began to; None before.
+    """
 
     name: str
     subject: str
@@ -112,24 +115,46 @@ class Results:
         """Write campaign.json."""
         write_json(self.path, campaign_document(self.report))
 
-    def resume(self, options: FitOptions) -> None:
-        """Load the finished subjects of campaign.json; raises InputError for one of another fit."""
+    def load(self, options: FitOptions) -> None:
+        """Load the finished subjects of campaign.json, if there is one; raises InputError for a result of another fit.
+
+        A result that this campaign did not finish to write is computed again.
+        """
+        known = self._known()
+        for entry in self._campaign.entries:
+            output, row = self._output(entry), known.get(entry.name)
+            if not exists(output):
+                continue
+            if row is None or row.fingerprint is None:
+                raise InputError(
+                    f"{output}: exists, but campaign.json does not list it as a result; remove it to fit again, or "
+                    "give another directory"
+                )
+            if row.fingerprint != fingerprint(entry, options):
+                raise InputError(
+                    f"{output}: is of another fit: other subject, bags, events, cases, options or version; remove "
+                    "it to fit again, or give another directory"
+                )
+            if row.state == "done" and json_beside(output).is_file():
+                self._rows[entry.name] = row
+            else:
+                self._begin(entry, row.fingerprint)
+
+    def _known(self) -> dict[str, Row]:
+        """The rows of campaign.json by name, none without this file."""
+        if not exists(self.path):
+            return {}
         try:
             document = keys_of(read_json(self.path), "the file", ("schema", "campaign", "version", "subjects"))
             if document["schema"] != SCHEMA or not isinstance(document["subjects"], list):
                 raise InputError(f"expected schema {SCHEMA} and a list of subjects")
-            finished = {row.name: row for row in map(_row, document["subjects"]) if row.state == "done"}
+            return {row.name: row for row in map(_row, document["subjects"])}
         except InputError as error:
             raise InputError(f"{self.path}: {error}; remove it to start anew") from None
-        for entry in self._campaign.entries:
-            output, row = self._output(entry), finished.get(entry.name)
-            if row and output.is_file() and json_beside(output).is_file():
-                if row.fingerprint != fingerprint(entry, options):
-                    raise InputError(
-                        f"{output}: is of another fit: other subject, bags, events, cases, options or version; remove "
-                        "it to fit again, or give another directory"
-                    )
-                self._rows[entry.name] = row
+
+    def _begin(self, entry: Entry, fingerprint: str) -> None:
+        """Note that the results of an entry are of this campaign, before all of them are written."""
+        self._rows[entry.name] = dataclasses.replace(self._rows[entry.name], fingerprint=fingerprint)
 
     def add(self, entry: Entry, future: Future[SubjectFit]) -> None:
         """Write a subject's results, or the reason for their absence."""
@@ -143,12 +168,15 @@ class Results:
     def _written(self, entry: Entry, fit: SubjectFit) -> Row:
         """Write the files of a subject; its row."""
         output = self._output(entry)
+        # After an interruption between these files, --resume sees that it may overwrite them.
+        self._begin(entry, fit.fingerprint)
+        self.write()
         write_json(json_beside(output), fit.document)
         write_text(output, fit.subject)
         page = self._page(output, fit)
         return dataclasses.replace(
             self._rows[entry.name], state="done", seconds=fit.seconds, mean_error_percent=fit.mean_error_percent,
-            result=output.name, fingerprint=fit.fingerprint, error=fit.page_fault, page=page,
+            result=output.name, error=fit.page_fault, page=page,
         )  # fmt: skip
 
     def _page(self, output: Path, fit: SubjectFit) -> str | None:
