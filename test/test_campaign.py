@@ -1,11 +1,13 @@
 """Campaigns: the file, results in order of completion, and failures of single subjects."""
 
+import dataclasses
 import json
 import os
 import re
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import chores
@@ -23,10 +25,12 @@ from biodyn_ros.commands import cli
 from biodyn_ros.fit import campaign as campaigns
 from biodyn_ros.fit import campaign_results as results
 from biodyn_ros.fit.campaign import fit_campaign
-from biodyn_ros.fit.campaign_file import load_campaign
+from biodyn_ros.fit.campaign_file import Entry, load_campaign
+from biodyn_ros.fit.campaign_results import SubjectFit
 from biodyn_ros.fit.campaign_text import check_failed, text_of
 from biodyn_ros.fit.document import fitted_subject
 from biodyn_ros.fit.fitting import FitOptions, fit_bags
+from biodyn_ros.reading.parts import BagPart
 from biodyn_ros.simulate import motion_of_cases, simulate_bag
 from biodyn_ros.work.executors import executor_of
 
@@ -242,12 +246,24 @@ def test_an_internal_error_does_not_stop_the_others(field: Path, tmp_path: Path,
     assert [row.error for row in report.rows] == [f"KeyError: '{name}'" for name in PEOPLE]
 
 
+def test_a_result_that_cannot_be_written_does_not_stop_the_others(field: Path, tmp_path: Path, monkeypatch) -> None:
+    def fitted(entry: Entry, options: FitOptions, draw: bool) -> SubjectFit:
+        fit = chores.fitted(entry)
+        return dataclasses.replace(fit, document={"mean": float("inf")}) if entry.name == "ben" else fit
+
+    monkeypatch.setattr(campaigns, "fit_one", fitted)
+    (tmp_path / "carl.fit.json").mkdir()
+    report = fit_campaign(load_campaign(field / "campaign.yaml"), tmp_path, QUICK)
+    assert [row.state for row in report.rows] == ["done", "failed", "failed"]
+    assert report.rows[1].error == "ValueError: Out of range float values are not JSON compliant: inf"
+    assert "carl.fit.json: cannot be written" in report.rows[2].error
+    assert [path.name for path in tmp_path.glob("*.yaml")] == ["anna.yaml"] and not (tmp_path / "ben.fit.json").exists()
+    document = json.loads((tmp_path / "campaign.json").read_text())
+    assert [row["state"] for row in document["subjects"]] == ["done", "failed", "failed"]
+
+
 def test_a_result_of_another_fit_is_not_overwritten(field: Path, tmp_path: Path, monkeypatch) -> None:
-    fitted = []
-    monkeypatch.setattr(
-        campaigns, "fit_one", lambda entry, options, draw: fitted.append(entry.name) or chores.fitted(entry)
-    )
-    monkeypatch.setattr(results, "fingerprint", lambda entry, options: f"{entry.name} {options.seed}")
+    fitted = stand_ins(monkeypatch)
     campaign = load_campaign(field / "campaign.yaml")
     fit_campaign(campaign, tmp_path, QUICK)
     with pytest.raises(InputError, match=r"anna.yaml: is of another fit: .*; remove it to fit again, or give another"):
@@ -257,6 +273,95 @@ def test_a_result_of_another_fit_is_not_overwritten(field: Path, tmp_path: Path,
     (tmp_path / "ben.yaml").unlink()
     fit_campaign(campaign, tmp_path, QUICK, resume=True)
     assert fitted == [*PEOPLE, "ben"]
+
+
+def test_a_result_that_is_not_of_the_campaign_is_not_overwritten(field: Path, tmp_path: Path, monkeypatch) -> None:
+    fitted = stand_ins(monkeypatch)
+    campaign = load_campaign(field / "campaign.yaml")
+    (tmp_path / "anna.yaml").write_text("of biodyn fit -o anna.yaml")
+    expected = (
+        r"anna.yaml: exists, but campaign.json does not list it as a result; remove it to fit again, or give another"
+    )
+    with pytest.raises(InputError, match=expected):
+        fit_campaign(campaign, tmp_path, QUICK)
+    assert [path.name for path in tmp_path.iterdir()] == ["anna.yaml"] and fitted == []
+    (tmp_path / "anna.yaml").unlink()
+
+    # An entry is dropped for one run, and added again.
+    fit_campaign(campaign, tmp_path, QUICK)
+    fit_campaign(dataclasses.replace(campaign, entries=campaign.entries[1:]), tmp_path, QUICK, resume=True)
+    before = (tmp_path / "campaign.json").read_bytes()
+    with pytest.raises(InputError, match=expected):
+        fit_campaign(campaign, tmp_path, QUICK, resume=True)
+    assert fitted == list(PEOPLE) and (tmp_path / "campaign.json").read_bytes() == before
+
+
+@pytest.mark.parametrize("file", ["anna.fit.json", "anna.yaml", "anna.fit.html"])
+def test_a_campaign_continues_after_an_interruption_while_it_wrote(
+    field: Path, tmp_path: Path, monkeypatch, file: str
+) -> None:
+    """Interrupted twice: before Anna's row is done, after this file of hers is written."""
+    fitted = stand_ins(monkeypatch)
+    campaign = load_campaign(field / "campaign.yaml")
+    with monkeypatch.context() as interrupted:
+        for name in ("write_json", "write_text"):
+            interrupted.setattr(results, name, interrupting(getattr(results, name), file))
+        for resume in (False, True):
+            with pytest.raises(KeyboardInterrupt):
+                fit_campaign(campaign, tmp_path, QUICK, resume=resume)
+            assert json.loads((tmp_path / "campaign.json").read_text())["subjects"][0]["state"] == "waiting"
+    # With other options the file may be a complete result of the fit before.
+    if (tmp_path / "anna.yaml").exists():
+        with pytest.raises(InputError, match=r"anna.yaml: is of another fit"):
+            fit_campaign(campaign, tmp_path, FitOptions(seed=1), resume=True)
+    report = fit_campaign(campaign, tmp_path, QUICK, resume=True)
+    assert len(report.named("done")) == 3 and fitted == ["anna", "anna", *PEOPLE]
+
+
+def stand_ins(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Fits that take no time; the names of those that were called."""
+    fitted: list[str] = []
+
+    def fit_one(entry: Entry, options: FitOptions, draw: bool) -> SubjectFit:
+        fitted.append(entry.name)
+        return dataclasses.replace(chores.fitted(entry), page="page")
+
+    monkeypatch.setattr(campaigns, "fit_one", fit_one)
+    monkeypatch.setattr(results, "fingerprint", lambda entry, options: f"{entry.name} {options.seed}")
+    return fitted
+
+
+def interrupting(write: Callable[..., None], file: str) -> Callable[..., None]:
+    """The function that writes, interrupted after this file."""
+
+    def written(path: Path, *args: object, **more: object) -> None:
+        write(path, *args, **more)
+        if path.name == file:
+            raise KeyboardInterrupt
+
+    return written
+
+
+def test_a_corrected_event_makes_another_fit(field: Path, tmp_path: Path) -> None:
+    """Rest, its bag and the drift of clocks can be corrected in the events file, and change the fit."""
+    entry = load_campaign(field / "campaign.yaml").entries[0]
+    rest = tmp_path / "rest.mcap"
+    rest.write_bytes((field / "ben.mcap").read_bytes())
+    part = BagPart(field / "anna.mcap", 0.0, 3.0, rest_s=(0.0, 1.0), clock_ppm={"head": 12.4, "neck": 3.0})
+
+    def of(one: BagPart) -> str:
+        return results.fingerprint(dataclasses.replace(entry, bags=(one,)), QUICK)
+
+    corrected = [
+        dataclasses.replace(part, **change)
+        for change in ({"rest_s": (0.0, 0.9)}, {"rest_s": None}, {"clock_ppm": {"head": 12.5}}, {"rest_bag": rest})
+    ]
+    assert len({of(one) for one in [part, *corrected]}) == 5
+    reordered = dataclasses.replace(part, clock_ppm={"neck": 3.0, "head": 12.4}, name="hit")
+    assert of(reordered) == of(part)
+    copy = tmp_path / "copy.mcap"
+    copy.write_bytes(rest.read_bytes())
+    assert of(dataclasses.replace(part, rest_bag=copy)) == of(corrected[-1])
 
 
 def test_results_do_not_overwrite_inputs(field: Path) -> None:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 import shutil
 from pathlib import Path
 
@@ -177,6 +178,52 @@ def test_the_text_has_errors_intervals_and_unknowns(fitted: Report) -> None:
     assert "95 % intervals; the usual residual is from pelvis 100 s" in text_of(
         dataclasses.replace(fitted, usual_residual=laws)
     )
+
+
+def diverging(report: Report, use: str, *, both: bool = False) -> Report:
+    """The report as if the model diverged in the events of this use: under `cascade`, or under both mass matrices."""
+    lost = np.full(len(MEASURED_SEGMENTS), np.nan)
+    events = tuple(
+        dataclasses.replace(
+            event,
+            errors={
+                name: dataclasses.replace(error, nrmse_rms_percent=lost, nrmse_range_percent=lost)
+                for name, error in event.errors.items()
+            },
+        )
+        if event.use == use
+        else event
+        for event in report.events
+    )
+    percent = {"segment": math.inf if both else 5.0, "cascade": math.inf}
+    return dataclasses.replace(
+        report, events=events, mass_matrix_percent=percent, better_mass_matrix=None if both else "segment"
+    )
+
+
+def test_errors_where_the_model_diverges_are_null_in_the_files(fitted: Report, tmp_path: Path) -> None:
+    write_fitted(diverging(fitted, "held out"), tmp_path / "anna.yaml")
+    document = json.loads((tmp_path / "anna.fit.json").read_text())
+    repetition, lost = document["held_out"]
+    assert repetition["joint"]["mean"] > 0.0
+    unknown = dict.fromkeys(MEASURED_SEGMENTS)
+    assert lost["joint"] == {"nrmse_rms": unknown, "nrmse_range": unknown, "mean": None}
+    assert document["mass_matrix"]["error_percent"] == {"segment": 5.0, "cascade": None}
+    assert document["mass_matrix"]["better"] == "segment"
+    # The fusion of single fits can diverge in an event that it is of.
+    write_fitted(diverging(fitted, "fitted"), tmp_path / "ben.yaml")
+    assert json.loads((tmp_path / "ben.fit.json").read_text())["idealized"]["error_percent"] is None
+    assert load_subject(tmp_path / "ben.yaml").provenance["fitted"][0]["nrmse_rms_percent"] is None
+
+
+def test_an_event_in_which_the_model_diverges_has_a_line(fitted: Report, bags: dict[str, Path]) -> None:
+    text = text_of(diverging(fitted, "held out"))
+    expected = f"the model diverges in rail (held out, {bags['spare']}) with the parameters of: joint, idealized"
+    assert f"\n{expected}; its error there is not known\n" in text
+    assert "mass matrix: segment predicts events held out better (segment 5.00 %, cascade diverges)" in text
+    both = text_of(diverging(fitted, "held out", both=True))
+    assert "mass matrix: not compared, because the model diverges with both on events held out" in both
+    assert "inf" not in text + both and "diverges" not in text_of(fitted)
 
 
 def test_a_missing_segment_is_excluded_with_a_warning(bags: dict[str, Path], tmp_path: Path) -> None:

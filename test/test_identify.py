@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.identification.fit import fit_cases, fit_joint, prediction_errors
+from biodyn_core.body.subject import Subject
+from biodyn_core.effects import CATALOGUE, AppliedEffect
+from biodyn_core.identification.fit import fit_cases, fit_joint, prediction_errors, predictions
+from biodyn_core.identification.held_out import usual_residual
 from biodyn_core.identification.identify import Identification, Task, fingerprint, identify, run_locally
 from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.problem import Case
@@ -76,6 +79,47 @@ def test_mass_matrices_of_equal_error_are_not_distinguished(found: Identificatio
     assert better is None and set(percent) == {"segment", "cascade"}
     assert min(percent.values()) == pytest.approx(100.0, rel=0.01)
     assert found.better_mass_matrix()[0] == "segment"
+
+
+def bent(mass_matrix: str) -> Subject:
+    """The subject with a joint under the pelvis that gets much stiffer: under `cascade` 20 g make it diverge."""
+    effect = AppliedEffect(CATALOGUE["asymmetry"], "pelvis", {"asymmetry_per_m": 100.0})
+    return dataclasses.replace(SUBJECT, mass_matrix=mass_matrix, effects=(effect,))
+
+
+def shaken(seconds: float, peak_mps2: float) -> Case:
+    """A rail of this peak, in which all segments move as the seat does."""
+    seat = fitting.seat_motion("rail", seconds, 1)
+    seat *= peak_mps2 / np.abs(seat).max()
+    return fitting.ready(seat, np.repeat(seat[:, None], 5, axis=1), "rail")
+
+
+def test_a_mass_matrix_that_diverges_is_not_the_better_one(found: Identification) -> None:
+    shock = [shaken(5.0, 200.0)]
+    segment, cascade = (
+        dataclasses.replace(fit, subject=bent(fit.subject.mass_matrix)) for fit in (found.joint, found.other)
+    )
+    for one, other in ((segment, cascade), (cascade, segment)):
+        better, percent = dataclasses.replace(found, without_prior=one, other=other).better_mass_matrix(shock)
+        assert better == "segment" and percent["segment"] < percent["cascade"] == np.inf
+    both = dataclasses.replace(found, without_prior=cascade, other=cascade)
+    assert both.better_mass_matrix(shock) == (None, {"cascade": np.inf})
+
+
+def test_seconds_in_which_the_model_diverges_do_not_count_in_the_usual_residual() -> None:
+    """After a shock at 10 s nothing is finite; the seconds before it count as those of a record that ends there."""
+    calm, begin = shaken(25.0, 10.0), round(10.0 * fitting.RATE_HZ)
+    first = {name: getattr(calm, name)[:begin] for name in ("seat_mps2", "measured_mps2", "compared")}
+    shock = calm.seat_mps2.copy()
+    shock[begin + 60 : begin + 90] = 200.0
+    diverging = dataclasses.replace(calm, seat_mps2=shock)
+    (accel,) = predictions(bent("cascade"), [diverging])
+    assert np.isfinite(accel[:begin]).all() and not np.isfinite(accel[begin + 600 :]).any()
+    assert prediction_errors(bent("cascade"), [diverging])[0].is_unstable
+    found = usual_residual(bent("cascade"), [diverging, calm])
+    assert found == usual_residual(bent("cascade"), [dataclasses.replace(calm, **first), calm])
+    assert found["head"].windows == 31
+    assert usual_residual(bent("cascade"), [diverging]) == {}
 
 
 def test_both_refiners_are_compared_on_one_problem(found: Identification) -> None:

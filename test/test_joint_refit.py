@@ -87,6 +87,15 @@ def test_without_effects_it_fits_theta_from_its_start() -> None:
     assert found.effects == () and found.parameters.vector()[14] == theta[14]
 
 
+def test_a_mass_scale_on_its_bound_is_not_changed() -> None:
+    theta = hiding.TRUTH.parameters.vector()
+    theta[:14] *= 1.02
+    theta[14] = 0.85
+    start = dataclasses.replace(hiding.TRUTH, parameters=type(hiding.TRUTH.parameters).from_vector(theta))
+    found = jointly_refitted(start, cases()[:1], JointRefitSettings(first_evaluations=60, evaluations=60))
+    assert found.parameters.vector()[14] == 0.85 and found.parameters.vector()[0] != theta[0]
+
+
 def test_values_stay_in_their_ranges_for_a_truth_outside() -> None:
     found = jointly_refitted(fitted(hiding.far_louder, hiding.plain, applied("gain", "neck")), cases(hiding.far_louder))
     assert 0.29 < found.effects[0].values["gain"] <= 0.3

@@ -11,6 +11,7 @@ import json
 import math
 import re
 import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +27,9 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS
 from biodyn_core.body.model import Chain
 from biodyn_core.body.parameters import PARAMETERS
-from biodyn_core.body.subject import load_subject
+from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.identification.phase1 import SwarmSettings
+from biodyn_core.identification.problem import Case
 from biodyn_core.identification.profiles import Profile
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.identification.uncertainty import Estimate
@@ -328,10 +330,36 @@ def test_the_summary_of_a_fit_is_that_of_its_file(fitted: FitReport, tmp_path: P
     document = json.loads((tmp_path / "anna.fit.json").read_text())
     document["held_out"][0][document["result"]]["mean"] = None  # as for an unstable prediction
     (tmp_path / "anna.fit.json").write_text(json.dumps(document))
-    assert fit_verdict(read_summary(tmp_path / "anna.fit.json")).tone == "bad"
+    found = fit_verdict(read_summary(tmp_path / "anna.fit.json"))
+    assert (found.tone, found.headline) == ("bad", "The model diverges in 1 of 3 events")
+    assert "inf" not in " ".join(found.reasons)
     (tmp_path / "anna.fit.json").write_text("[3]")
     with pytest.raises(InputError, match=r"^.*anna\.fit\.json: is not a fit\.json of biodyn; fit the subject again$"):
         read_summary(tmp_path / "anna.fit.json")
+
+
+def test_the_page_of_a_fit_that_diverges_draws_no_prediction_there(
+    fitted: FitReport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lost = np.full(len(MEASURED_SEGMENTS), np.nan)
+    *events, held_out = fitted.events
+    errors = {
+        name: dataclasses.replace(error, nrmse_rms_percent=lost, nrmse_range_percent=lost)
+        for name, error in held_out.errors.items()
+    }
+    diverging = dataclasses.replace(fitted, events=(*events, dataclasses.replace(held_out, errors=errors)))
+
+    def predictions(subject: Subject, cases: Sequence[Case]) -> Iterator[np.ndarray]:
+        given = subject == fitted.given
+        return (np.where(given, case.measured_mps2, 1e200 * case.measured_mps2) for case in cases)
+
+    monkeypatch.setattr(fit_report, "predictions", predictions)
+    (compared,) = compared_events(diverging, diverging.held_out)
+    assert np.isnan(compared.after_mps2).all() and np.isfinite(compared.before_mps2).any()
+    source = fit_page(diverging)
+    text = Page(source).text
+    assert "joint – – – – – diverges" in text and "The model diverges in 1 of 3 events" in text
+    assert "inf" not in re.findall(r"[a-z]+", text) and "nan" not in re.findall(r"width: ([a-z]+)", source)
 
 
 def test_one_case_and_unmeasured_segments_are_limitations(fitted: FitReport) -> None:
@@ -459,6 +487,12 @@ def test_the_page_of_a_campaign_has_every_subject(fitted: FitReport, tmp_path: P
     assert 'href="anna%2B1.fit.html"' in source and "script" not in Page(source).tags
     assert "place between the bounds of Table 1, logarithmic, no unit" in svg_text(source)
     assert campaign_page(campaign, tmp_path).encode("utf-8", "backslashreplace") == source.encode()
+    lost = json.loads(json.dumps(document))
+    lost["held_out"][0][lost["result"]]["mean"] = None
+    (tmp_path / "ben.fit.json").write_text(json.dumps(lost))
+    diverging = Page(campaign_page(campaign, tmp_path)).text
+    assert "done 1 and 0 held out 3.00 4.50 diverges" in diverging and "inf" not in re.findall(r"[a-z]+", diverging)
+    assert f"On events not fitted to: {unseen} %" in diverging and "Diverges in an event: ben." in diverging
     (tmp_path / "ben.fit.json").write_text("{}")
     with pytest.raises(InputError, match=r"ben\.fit\.json: is not a fit\.json of biodyn"):
         campaign_page(campaign, tmp_path)

@@ -15,7 +15,7 @@ from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.fit import Fit, at_bound, fit_cases, fit_joint, search_all
 from biodyn_core.identification.objectives import RegularizationTerm, TimeDomain
 from biodyn_core.identification.phase1 import SwarmSettings
-from biodyn_core.identification.phase2 import exchanged, least_squares, nelder_mead, refine
+from biodyn_core.identification.phase2 import exchanged, interior, least_squares, nelder_mead, refine
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import PAPER, FitSettings
 
@@ -124,12 +124,20 @@ def test_the_regularisation_of_the_paper_biases_its_result() -> None:
     assert found[14] == pytest.approx(1.0, abs=0.02)
 
 
-def test_mass_scale_stays_the_subjects() -> None:
+@pytest.mark.parametrize("mass_scale", [LOWER[14], 1.1, UPPER[14]])
+def test_mass_scale_stays_the_subjects(mass_scale: float) -> None:
+    """Also on a bound of Table 1: only the start of a fitted parameter is moved off its bound."""
     truth = fitting.true_subjects()["segment"]
-    heavy = np.append(fitting.theta_of(truth)[:14], 1.1)
+    heavy = np.append(fitting.theta_of(truth)[:14], mass_scale)
     subject = dataclasses.replace(truth, parameters=type(truth.parameters).from_vector(heavy))
-    fit = fit_joint(fitting.true_cases("segment")[1:2], subject, 1, QUICK)
-    assert fit.subject.parameters.mass_scale == 1.1
+    fit = fit_joint(fitting.true_cases("segment")[1:2], subject, 1, ONE)
+    assert fit.subject.parameters.mass_scale == mass_scale
+
+
+def test_only_fitted_parameters_are_moved_off_their_bounds() -> None:
+    inside = LOWER + 0.02 * (UPPER - LOWER)
+    np.testing.assert_array_equal(interior(LOWER, FREE), np.append(inside[:14], LOWER[14]))
+    np.testing.assert_array_equal(interior(LOWER, np.ones(15, dtype=bool)), inside)
 
 
 def test_parameters_on_a_bound_are_named() -> None:

@@ -113,6 +113,15 @@ def test_deviations_of_drawn_people_are_independent_and_of_unit_variance() -> No
     assert np.isinf(term.variances(theta)[STIFFENING:]).all()
 
 
+def test_a_fixed_mass_scale_on_its_bound_stays_there_with_a_prior() -> None:
+    light = dataclasses.replace(GIVEN, parameters=dataclasses.replace(GIVEN.parameters, mass_scale=0.85))
+    few = dataclasses.replace(QUICK, refined_starts=1, evaluations=60)
+    case = of_head(recorded("road", 4.0)[0])
+    alone = fit_joint([case], light, 1, few)
+    fit = maximum_a_posteriori(alone, [case], PRIOR)
+    assert fit.subject.parameters.mass_scale == 0.85
+
+
 def test_few_data_of_people_of_the_population_give_better_parameters_with_the_prior() -> None:
     for number, truth in enumerate(people()):
         alone, found, _ = fits_of_the_head(number)

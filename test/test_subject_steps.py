@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import os
 import shutil
 import signal
@@ -28,6 +29,8 @@ from biodyn_ros.base.resources import subject_file
 from biodyn_ros.commands.cli import main
 from biodyn_ros.events.finding import find_events
 from biodyn_ros.fit.fitting import FitOptions
+from biodyn_ros.fit.report import Report
+from biodyn_ros.fit.summary import FitSummary, summary_of
 from biodyn_ros.reading.events_file import write_events
 from biodyn_ros.reading.parts import BagPart
 from biodyn_ros.reading.provenance import role_of, source_of
@@ -163,6 +166,24 @@ def test_a_step_that_fails_has_its_reason_and_the_rest_goes_on(bag: Path, tmp_pa
         write_page(found, report=True)
     text = Page((tmp_path / "index.html").read_text()).text
     assert "There is no resulting subject" in text and "without a fit there is nothing to validate" in text
+
+
+def test_a_fit_that_diverges_in_an_event_has_no_mean_error(
+    bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def diverging(report: Report) -> FitSummary:
+        return dataclasses.replace(summary_of(report), held_out=(3.0, math.inf))
+
+    def refuse(*_: object) -> None:
+        raise InputError("not here")
+
+    monkeypatch.setattr("biodyn_ros.subject.making.summary_of", diverging)
+    for name in ("validate", "trace_bags"):
+        monkeypatch.setattr(f"biodyn_ros.subject.making.{name}", refuse)
+    made, lines = make(bag, tmp_path / "made")
+    assert made.steps["fit"].state == "done" and any(line.startswith("fit: done") for line in lines)
+    steps = {step["name"]: step for step in json.loads((tmp_path / "made" / "subject.json").read_text())["steps"]}
+    assert steps["fit"]["facts"]["held_out_percent"] is None and steps["fit"]["facts"]["fitted_percent"] > 0.0
 
 
 def test_an_edited_table_of_conditions_is_read_again(bag: Path, tmp_path: Path) -> None:

@@ -99,7 +99,7 @@ class Identification:
     def better_mass_matrix(self, held_out: Sequence[Case] = ()) -> tuple[MassMatrix | None, dict[MassMatrix, float]]:
         """The mass matrix whose joint fit predicts better, None where neither does; and both mean errors.
 
-        Errors are in percent, over the held-out events where there are any.
+        Errors are in percent, over the held-out events where there are any; infinite where a fit diverges.
         """
         events = held_out or self.cases
         found = {
@@ -107,8 +107,9 @@ class Identification:
             for fit in (self.without_prior, self.other)
         }
         better = min(found, key=lambda name: found[name])
-        distinct = max(found.values()) - min(found.values()) > DISTINCT_SHARE * max(found.values())
-        return better if distinct else None, found
+        # A difference of the errors would not be a number where both are infinite.
+        is_distinct = found[better] < (1.0 - DISTINCT_SHARE) * max(found.values())
+        return better if is_distinct else None, found
 
 
 def identify(

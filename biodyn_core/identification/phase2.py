@@ -128,7 +128,7 @@ def _end(shared: tuple[Sequence[Case], Subject, Floats, FitSettings], start: Flo
     cases, subject, reference, s = shared
     problem = TimeDomain(cases, subject, RegularizationTerm(reference, s.lambda_2, s.regularization), s.clocks)
     run = least_squares if s.refine == "least-squares" else nelder_mead
-    theta, objective = run(problem, interior(start), s.free, s.evaluations)
+    theta, objective = run(problem, interior(start, s.free), s.free, s.evaluations)
     return _End(theta, objective, problem.evaluations, problem.penalties)
 
 
@@ -148,10 +148,11 @@ def _starts(
     return np.array(kept[: settings.refined_starts]), data_only.evaluations
 
 
-def interior(theta: Floats) -> Floats:
-    """Theta at a distance of at least `INTERIOR` from both bounds."""
+def interior(theta: Floats, free: Flags) -> Floats:
+    """Theta with its free parameters at a distance of at least `INTERIOR` from both bounds."""
     margin = INTERIOR * (UPPER - LOWER)
-    return np.clip(theta, LOWER + margin, UPPER - margin)
+    # A fixed parameter may lie on a bound: the fit returns it as it is here.
+    return np.where(free, np.clip(theta, LOWER + margin, UPPER - margin), theta)
 
 
 def nelder_mead(problem: TimeDomain, start: Floats, free: Flags, evaluations: int) -> tuple[Floats, float]:

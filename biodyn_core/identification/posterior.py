@@ -64,7 +64,7 @@ def maximum_a_posteriori(alone: Fit, cases: Sequence[Case], prior: Distribution)
         if abs(term.weight - previous.weight) <= SETTLED * term.weight:
             break
         problem = TimeDomain(cases, alone.subject, term, alone.settings.clocks)
-        ends = [least_squares(problem, interior(start), free, alone.settings.evaluations) for start in starts]
+        ends = [least_squares(problem, interior(start, free), free, alone.settings.evaluations) for start in starts]
         theta = min(ends, key=lambda end: end[1])[0]
         known = parameters_known(problem, theta, free)
         starts, evaluations = [theta], evaluations + problem.evaluations

@@ -149,11 +149,17 @@ class Errors:
         known = self.nrmse_rms_percent[~np.isnan(self.nrmse_rms_percent)]
         return float(known.mean()) if known.size else math.inf
 
+    @property
+    def is_unstable(self) -> bool:
+        """Whether the simulation was unstable, so that there is no error."""
+        return math.isinf(self.mean_percent)
+
 
 def errors(case: Case, accel_mps2: Floats) -> Errors:
     """Errors of absolute accelerations (n, 5) against a case, without warm-up and masks."""
     count = np.where(case.energy > 0.0, case.compared.sum(axis=0), np.nan)
-    rms = np.sqrt((np.where(case.compared, accel_mps2 - case.measured_mps2, 0.0) ** 2).sum(axis=0) / count)
+    with np.errstate(over="ignore"):  # the square of an unstable simulation
+        rms = np.sqrt((np.where(case.compared, accel_mps2 - case.measured_mps2, 0.0) ** 2).sum(axis=0) / count)
     highest = np.where(case.compared, case.measured_mps2, -np.inf).max(axis=0)
     lowest = np.where(case.compared, case.measured_mps2, np.inf).min(axis=0)
     return Errors(case.name, case.case, 100.0 * rms / np.sqrt(case.energy / count), 100.0 * rms / (highest - lowest))

@@ -159,7 +159,7 @@ def _scaled(applied: AppliedEffect, factor: float) -> AppliedEffect:
 
 def _descended(problem: _Problem, evaluations: int) -> JointFit:
     """The end of the trust region from the problem's own subject."""
-    theta, phi = mapped(interior(problem.theta), problem.free)
+    theta, phi = mapped(interior(problem.theta, problem.free), problem.free)
     start = np.concatenate([phi, problem.start()])
 
     def linearised(point: Floats) -> tuple[Floats, Floats]:

@@ -43,6 +43,6 @@ def keys_of(value: object, where: str, expected: tuple[str, ...] | None = None) 
     return value
 
 
-def finite(value: float) -> float | None:
+def finite(value: float | None) -> float | None:
     """The value, or None: JSON has neither NaN nor infinity."""
-    return value if math.isfinite(value) else None
+    return value if value is not None and math.isfinite(value) else None

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from biodyn_core.base.errors import InputError, one_line
 from biodyn_ros.base.files import make_directory
+from biodyn_ros.base.json_files import finite
 from biodyn_ros.base.progress import OnProgress, ignore_progress, silent
 from biodyn_ros.fit.campaign_file import Campaign, Entry
 from biodyn_ros.fit.campaign_results import CampaignReport, Results, SubjectFit, fingerprint
@@ -35,16 +36,15 @@ def fit_campaign(
     Each subject has its own held-out bags and cases. A subject that fails is `failed`; the others continue. With resume
     a subject with a result is not fitted again. progress receives (bags of finished subjects, bags in all).
 
-    Raises InputError for a directory with a campaign if resume is not set, for a result of another fit in it, and for
-    results that would overwrite inputs of the campaign or cannot be written.
+    Raises InputError for a directory with a campaign if resume is not set, for a result in it of another fit or of no
+    campaign, for results that would overwrite inputs of the campaign, and if campaign.json cannot be written.
     """
     o = options or FitOptions()
     check_profiles(o)
     results = Results(campaign, directory)
-    if results.path.exists():
-        if not resume:
-            raise InputError(f"{results.path}: holds a campaign; give --resume to continue it, or another directory")
-        results.resume(o)
+    if results.path.exists() and not resume:
+        raise InputError(f"{results.path}: holds a campaign; give --resume to continue it, or another directory")
+    results.load(o)
     make_directory(directory)
     results.write()
     waiting = results.waiting
@@ -60,7 +60,7 @@ def fit_one(entry: Entry, options: FitOptions, draw: bool) -> SubjectFit:
     own = dataclasses.replace(options, held_out=entry.held_out, cases=entry.cases)
     key = fingerprint(entry, options)  # of the bags as they are before the fit
     report = fit_bags(entry.bags, entry.subject, own, Work(monitor=silent))
-    mean_error_percent = summary_of(report).fitted_percent
+    mean_error_percent = finite(summary_of(report).fitted_percent)
     subject = fitted_subject(report).to_yaml()
     fit = SubjectFit(key, fit_document(report), subject, report.seconds, mean_error_percent)
     if not draw:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Final
@@ -13,7 +14,7 @@ from biodyn_ros.base.wording import number
 from biodyn_ros.fit.campaign_results import CampaignReport, page_of
 from biodyn_ros.fit.drawings import MARKERS, subjects
 from biodyn_ros.fit.fitting import json_beside
-from biodyn_ros.fit.summary import FitSummary, fit_verdict, read_summary
+from biodyn_ros.fit.summary import FitSummary, fit_verdict, percent_text, read_summary
 from biodyn_ros.reports.pages import check_reports, render, write_drawn
 from biodyn_ros.reports.verdict import Verdict
 
@@ -46,6 +47,7 @@ def campaign_page(report: CampaignReport, directory: Path) -> str:
         verdict=campaign_verdict(report, fits),
         numbers={name: place + 1 for place, name in enumerate(fits)},
         held_out_percent=held_out_percent,
+        percent_text=percent_text,
         links={row.name: quote(row.page, errors="surrogateescape") for row in report.rows if row.page},
         scale=max(known, default=1.0) or 1.0,
         classes=tuple(MARKERS),
@@ -70,7 +72,10 @@ def campaign_verdict(report: CampaignReport, fits: Mapping[str, FitSummary]) -> 
     if unknown := [name for name, fit in fits.items() if fit.held_out_percent is None]:
         reasons.append(f"Prediction error unknown, since nothing was held out: {', '.join(unknown)}.")
     tones = {name: fit_verdict(fit).tone for name, fit in fits.items()}
-    if poor := [name for name, tone in tones.items() if tone == "bad"]:
+    diverging = [name for name, fit in fits.items() if fit.unstable]
+    if diverging:
+        reasons.append(f"Diverges in an event: {', '.join(diverging)}.")
+    if poor := [name for name, tone in tones.items() if tone == "bad" and name not in diverging]:
         reasons.append(f"Large errors on events not fitted to: {', '.join(poor)}.")
     all_tones = {"bad" if failed else "warn" if waiting else "good", *tones.values()}
     headline = f"{len(report.named('done'))} of {counted(len(report.rows), 'subject')} fitted"
@@ -78,7 +83,7 @@ def campaign_verdict(report: CampaignReport, fits: Mapping[str, FitSummary]) -> 
 
 
 def _known(values: Iterable[float | None]) -> list[float]:
-    return [value for value in values if value is not None]
+    return [value for value in values if value is not None and math.isfinite(value)]
 
 
 def _span(values: list[float]) -> str:

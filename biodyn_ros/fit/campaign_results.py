@@ -11,11 +11,12 @@ from typing import Any, Final
 
 from biodyn_core.base.errors import InputError, one_line
 from biodyn_ros import __version__
-from biodyn_ros.base.files import write_text
+from biodyn_ros.base.files import exists, write_text
 from biodyn_ros.base.json_files import keys_of, read_json, write_json
 from biodyn_ros.fit.campaign_file import Campaign, Entry
 from biodyn_ros.fit.fitting import FitOptions, json_beside, page_beside
-from biodyn_ros.reading.provenance import source_of
+from biodyn_ros.reading.parts import BagPart, part_of
+from biodyn_ros.reading.provenance import bag_sha256, source_of
 from biodyn_ros.reading.recordings import case_of
 from biodyn_ros.work.executors import result_of
 
@@ -42,7 +43,10 @@ class SubjectFit:
 
 @dataclass(frozen=True)
 class Row:
-    """One subject in campaign.json; `waiting` means not begun or not finished."""
+    """One subject in campaign.json; `waiting` means not begun or not finished.
+
+    fingerprint: of the fit that wrote its results, or began to; None before.
+    """
 
     name: str
     subject: str
@@ -111,42 +115,69 @@ class Results:
         """Write campaign.json."""
         write_json(self.path, campaign_document(self.report))
 
-    def resume(self, options: FitOptions) -> None:
-        """Load the finished subjects of campaign.json; raises InputError for one of another fit."""
+    def load(self, options: FitOptions) -> None:
+        """Load the finished subjects of campaign.json, if there is one; raises InputError for a result of another fit.
+
+        A result that this campaign did not finish to write is computed again.
+        """
+        known = self._known()
+        for entry in self._campaign.entries:
+            output, row = self._output(entry), known.get(entry.name)
+            if not exists(output):
+                continue
+            if row is None or row.fingerprint is None:
+                raise InputError(
+                    f"{output}: exists, but campaign.json does not list it as a result; remove it to fit again, or "
+                    "give another directory"
+                )
+            if row.fingerprint != fingerprint(entry, options):
+                raise InputError(
+                    f"{output}: is of another fit: other subject, bags, events, cases, options or version; remove "
+                    "it to fit again, or give another directory"
+                )
+            if row.state == "done" and json_beside(output).is_file():
+                self._rows[entry.name] = row
+            else:
+                self._begin(entry, row.fingerprint)
+
+    def _known(self) -> dict[str, Row]:
+        """The rows of campaign.json by name, none without this file."""
+        if not exists(self.path):
+            return {}
         try:
             document = keys_of(read_json(self.path), "the file", ("schema", "campaign", "version", "subjects"))
             if document["schema"] != SCHEMA or not isinstance(document["subjects"], list):
                 raise InputError(f"expected schema {SCHEMA} and a list of subjects")
-            finished = {row.name: row for row in map(_row, document["subjects"]) if row.state == "done"}
+            return {row.name: row for row in map(_row, document["subjects"])}
         except InputError as error:
             raise InputError(f"{self.path}: {error}; remove it to start anew") from None
-        for entry in self._campaign.entries:
-            output, row = self._output(entry), finished.get(entry.name)
-            if row and output.is_file() and json_beside(output).is_file():
-                if row.fingerprint != fingerprint(entry, options):
-                    raise InputError(
-                        f"{output}: is of another fit: other subject, bags, cases, options or version; remove it to "
-                        "fit again, or give another directory"
-                    )
-                self._rows[entry.name] = row
+
+    def _begin(self, entry: Entry, fingerprint: str) -> None:
+        """Note that the results of an entry are of this campaign, before all of them are written."""
+        self._rows[entry.name] = dataclasses.replace(self._rows[entry.name], fingerprint=fingerprint)
 
     def add(self, entry: Entry, future: Future[SubjectFit]) -> None:
         """Write a subject's results, or the reason for their absence."""
-        row = self._rows[entry.name]
         try:
-            fit = result_of(future, entry.name)
+            row = self._written(entry, result_of(future, entry.name))
         except Exception as error:  # noqa: BLE001 - a fault in one fit must not stop the others
-            self._rows[entry.name] = dataclasses.replace(row, state="failed", error=one_line(error))
-        else:
-            output = self._output(entry)
-            write_json(json_beside(output), fit.document)
-            write_text(output, fit.subject)
-            page = self._page(output, fit)
-            self._rows[entry.name] = dataclasses.replace(
-                row, state="done", seconds=fit.seconds, mean_error_percent=fit.mean_error_percent,
-                result=output.name, fingerprint=fit.fingerprint, error=fit.page_fault, page=page,
-            )  # fmt: skip
+            row = dataclasses.replace(self._rows[entry.name], state="failed", error=one_line(error))
+        self._rows[entry.name] = row
         self.write()
+
+    def _written(self, entry: Entry, fit: SubjectFit) -> Row:
+        """Write the files of a subject; its row."""
+        output = self._output(entry)
+        # After an interruption between these files, --resume sees that it may overwrite them.
+        self._begin(entry, fit.fingerprint)
+        self.write()
+        write_json(json_beside(output), fit.document)
+        write_text(output, fit.subject)
+        page = self._page(output, fit)
+        return dataclasses.replace(
+            self._rows[entry.name], state="done", seconds=fit.seconds, mean_error_percent=fit.mean_error_percent,
+            result=output.name, error=fit.page_fault, page=page,
+        )  # fmt: skip
 
     def _page(self, output: Path, fit: SubjectFit) -> str | None:
         """Write a subject's page; without one, remove that of an earlier fit."""
@@ -162,14 +193,20 @@ class Results:
 
 
 def fingerprint(entry: Entry, options: FitOptions) -> str:
-    """A hash of a fit: subject, bags by content with role and case, options, and version."""
+    """A hash of a fit: subject, bags by content with role, case, rest and clocks, options, and version."""
     bags = [
-        (role, source_of(bag), entry.cases.get(str(bag)) or case_of(bag))
+        (role, source_of(bag), entry.cases.get(str(bag)) or case_of(bag), _corrections(part_of(bag)))
         for role, paths in (("fitted", entry.bags), ("held out", entry.held_out))
         for bag in paths
     ]
     shared = dataclasses.replace(options, held_out=(), cases={})
     return hashlib.sha256(repr((entry.subject.to_dict(), bags, shared, __version__)).encode()).hexdigest()
+
+
+def _corrections(part: BagPart) -> object:
+    """What an events file says of a part beside its time; it can be edited after a fit."""
+    rest_bag = part.rest_bag and bag_sha256(part.rest_bag)
+    return part.rest_s, rest_bag, sorted(part.clock_ppm.items())
 
 
 def page_of(directory: Path) -> Path:

@@ -68,7 +68,9 @@ def fitted_subject(report: Report) -> Subject:
 def provenance(report: Report) -> Document:
     """The provenance in the subject's file; recordings of given effects count as fitted."""
     result = report.result
-    fitted = [_origin(event) | {"nrmse_rms_percent": event.errors[result].mean_percent} for event in report.fitted]
+    fitted = [
+        _origin(event) | {"nrmse_rms_percent": finite(event.errors[result].mean_percent)} for event in report.fitted
+    ]
     estimates = report.uncertainty.estimates if result == "joint" else ()
     return {
         "made_by": "biodyn fit",
@@ -167,7 +169,7 @@ def _joint(report: Report) -> Document:
     return {
         "parameters": _parameters(fit.subject),
         "objective": fit.refined.objective,
-        "error_percent": fit.error_percent,
+        "error_percent": finite(fit.error_percent),
         "at_bound": list(fit.at_bound),
         "starts": _starts(fit.refined.costs, fit.reached),
         "clock_delay_ms": {case.name: _delays(fit, number) for number, case in enumerate(cases)},
@@ -184,7 +186,7 @@ def _prior(report: Report) -> Document | None:
         "distance": report.distance,
         "scale": fit.prior.scale,
         "data_variance": fit.prior.variance,
-        "without": {"parameters": _parameters(without.subject), "error_percent": without.error_percent},
+        "without": {"parameters": _parameters(without.subject), "error_percent": finite(without.error_percent)},
     }
 
 
@@ -193,7 +195,7 @@ def _idealized(report: Report) -> Document:
     return {
         "parameters": _parameters(idealized.subject),
         "weighted_error_percent": idealized.weighted_error_percent,
-        "error_percent": mean_percent([event.errors["idealized"] for event in report.fitted]),
+        "error_percent": finite(mean_percent([event.errors["idealized"] for event in report.fitted])),
     }
 
 
@@ -201,7 +203,7 @@ def _mass_matrix(report: Report) -> Document:
     return {
         "declared": report.given.mass_matrix,
         "better": report.better_mass_matrix,
-        "error_percent": dict(report.mass_matrix_percent),
+        "error_percent": {name: finite(percent) for name, percent in report.mass_matrix_percent.items()},
         "judged_by": "held_out" if report.held_out else "fitted",
         "other_parameters": _parameters(report.identification.other.subject),
     }

@@ -16,7 +16,7 @@ from biodyn_ros.base.wording import parameter_name, words
 from biodyn_ros.fit.drawings import MARKERS, correlation, intervals, profiles
 from biodyn_ros.fit.fitting import page_beside
 from biodyn_ros.fit.report import FitEvent, Report
-from biodyn_ros.fit.summary import fit_verdict, summary_of
+from biodyn_ros.fit.summary import fit_verdict, percent_text, summary_of
 from biodyn_ros.fit.text import BY, remarks
 from biodyn_ros.reading.provenance import without_note
 from biodyn_ros.reports.pages import check_reports, render, write_drawn
@@ -34,7 +34,7 @@ def fit_page(report: Report) -> str:
     compared = compared_events(report, report.held_out or report.fitted)
     worst = max(compared, key=lambda event: event.after.mean_percent)
     notes, warnings = without_note(report.warnings)
-    means = [error.mean_percent for event in report.events for error in event.errors.values()]
+    known = [error.mean_percent for event in report.events for error in event.errors.values() if not error.is_unstable]
     singles = [fit.subject.parameters for fit in report.identification.fits]
     return render(
         "fit.html.j2",
@@ -49,7 +49,8 @@ def fit_page(report: Report) -> str:
         warnings=warnings,
         segments=MEASURED_SEGMENTS,
         by=BY,
-        scale=max(means) or 1.0,
+        scale=max(known, default=1.0) or 1.0,
+        percent_text=percent_text,
         classes=tuple(MARKERS),
         parameter_name=parameter_name,
         intervals_svg=intervals(report.uncertainty.estimates, singles if len(singles) > 1 else []),
@@ -64,14 +65,16 @@ def fit_page(report: Report) -> str:
 
 
 def compared_events(report: Report, events: Sequence[FitEvent]) -> list[ComparedEvent]:
-    """Events with predictions of the given and of the fitted subject."""
+    """Events with predictions of the given and of the fitted subject, NaN of one that diverges in the event."""
     cases, subjects = [event.case for event in events], (report.given, report.identification.subject)
     compared = []
     for event, *models in zip(events, *(predictions(subject, cases) for subject in subjects), strict=True):
         case = event.case
         use: Use = "train" if event.use == "fitted" else "held_out"
-        measured, before, after = (np.where(case.compared, accel, np.nan) for accel in (case.measured_mps2, *models))
         found = [errors(case, accel) for accel in models]
+        # Some values of a simulation that diverges are finite, but too large to be drawn.
+        drawn = [np.nan if error.is_unstable else accel for error, accel in zip(found, models, strict=True)]
+        measured, before, after = (np.where(case.compared, accel, np.nan) for accel in (case.measured_mps2, *drawn))
         compared.append(
             ComparedEvent(case.name, case.case, use, case.rate_hz, measured, before, after, found[0], found[1])
         )

@@ -39,6 +39,16 @@ class FitSummary:
     is_made_by_model: bool
 
     @property
+    def percents(self) -> tuple[float, ...]:
+        """The errors of all events; infinite where the model diverges."""
+        return (*self.fitted, *self.held_out)
+
+    @property
+    def unstable(self) -> int:
+        """How many events the model diverges in."""
+        return sum(map(math.isinf, self.percents))
+
+    @property
     def fitted_percent(self) -> float | None:
         """The mean error over the events fitted to."""
         return _mean(self.fitted)
@@ -110,6 +120,11 @@ def _percent(stored: float | None) -> float:
     return math.inf if stored is None else stored
 
 
+def percent_text(percent: float | None) -> str:
+    """A mean error, percent; that of an unstable simulation is infinite."""
+    return "diverges" if percent == math.inf else number(percent)
+
+
 def _mean(percents: Sequence[float]) -> float | None:
     return sum(percents) / len(percents) if percents else None
 
@@ -117,6 +132,9 @@ def _mean(percents: Sequence[float]) -> float | None:
 def fit_verdict(found: FitSummary) -> Verdict:
     """The prediction error on events not fitted to, and reasons against the fit."""
     against = tuple(_reasons_against(found))
+    if unstable := found.unstable:
+        headline = f"The model diverges in {unstable} of {counted(len(found.percents), 'event')}"
+        return Verdict("bad", headline, ("Its error there is not known, so there is no mean error.", *against))
     fitted = number(found.fitted_percent)
     if found.held_out_percent is None:
         headline = f"Fitted to {fitted} % of the rms; the error on an unused event is not known"

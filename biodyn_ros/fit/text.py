@@ -13,6 +13,7 @@ from biodyn_core.identification.residuals import ResidualCheck
 from biodyn_core.population.distribution import SPREAD
 from biodyn_ros.base.wording import number, parameter_name, with_interval, words
 from biodyn_ros.fit.report import FitEvent, FitName, Report
+from biodyn_ros.fit.summary import percent_text
 
 _SAME_OBJECTIVE: Final = 1.02
 """Objectives of two refiners that differ by no more than this factor are the same."""
@@ -56,7 +57,7 @@ def _error_rows(event: FitEvent) -> Iterator[str]:
     yield event.case.case + ("" if event.use == "fitted" else f" ({event.use})")
     for name, error in event.errors.items():
         cells = "".join(f"{number(percent):>12}" for percent in error.nrmse_rms_percent)
-        yield f"  {BY[name]:<23}{cells}{number(error.mean_percent):>9}"
+        yield f"  {BY[name]:<23}{cells}{percent_text(error.mean_percent):>9}"
 
 
 def _parameter_rows(report: Report) -> Iterator[str]:
@@ -97,6 +98,7 @@ def remarks(report: Report) -> Iterator[str]:
         yield f"on a bound of Table 1: {', '.join(map(parameter_name, joint.at_bound))}"
     if found.idealized.flagged:
         yield f"CV above 30 % (!): {', '.join(map(parameter_name, found.idealized.flagged))}"
+    yield from _divergence_lines(report)
     yield _matrix_line(report)
     yield _refiner_line(report)
     if report.penalties:
@@ -135,10 +137,25 @@ def _interval_line(report: Report) -> str:
     return f"predictions will have 95 % intervals; the usual residual is from {held_out} that were not fitted to"
 
 
+def _divergence_lines(report: Report) -> Iterator[str]:
+    """The events in which the simulation of a result diverges."""
+    for event in report.events:
+        if names := [BY[name] for name, error in event.errors.items() if error.is_unstable]:
+            yield (
+                f"the model diverges in {event.case.case} ({event.use}, {event.bag.bag}) with the parameters of:"
+                f" {', '.join(names)}; its error there is not known"
+            )
+
+
 def _matrix_line(report: Report) -> str:
-    declared, better = report.given.mass_matrix, report.better_mass_matrix
-    errors = ", ".join(f"{name} {number(percent)} %" for name, percent in report.mass_matrix_percent.items())
+    declared, better, percents = report.given.mass_matrix, report.better_mass_matrix, report.mass_matrix_percent
+    errors = ", ".join(
+        f"{name} {f'{number(percent)} %' if math.isfinite(percent) else 'diverges'}"
+        for name, percent in percents.items()
+    )
     where = "events held out" if report.held_out else "the fitted events"
+    if not any(map(math.isfinite, percents.values())):
+        return f"mass matrix: not compared, because the model diverges with both on {where}"
     if better is None:
         return f"mass matrix: no difference on {where} ({errors})"
     note = "" if better == declared else f"; the subject's file declares {declared}"

@@ -13,6 +13,7 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.parallel import ParallelMap
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_ros.base.files import exists, keep_copy, make_directory, remove, write_text
+from biodyn_ros.base.json_files import finite
 from biodyn_ros.events.finding import SessionOptions, find_sessions
 from biodyn_ros.fit.fitting import FitOptions, fit_bags, write_fitted
 from biodyn_ros.fit.summary import summary_of
@@ -136,7 +137,8 @@ class _Steps:
             work.finish()
             self._page(path.with_name("fitted.fit.html"), lambda: _fit_page(report))
             found = summary_of(report)
-            return {"fitted_percent": found.fitted_percent, "held_out_percent": found.held_out_percent}
+            percents = {"fitted_percent": found.fitted_percent, "held_out_percent": found.held_out_percent}
+            return {name: finite(percent) for name, percent in percents.items()}
 
         step = self.log.run("fit", key, [path], work)
         self._say(step)
