@@ -35,13 +35,14 @@ class Runs:
     """Count runs by `add` and `end`, in the order of the samples.
 
     count: number of runs. gap_s: sum of the gaps between them. leapt_s: sum of all leaps of more than a second between
-    runs, negative for leaps back, by a set clock or a pause.
+    runs, negative for leaps back, by a set clock or a pause. leap_gap_s: the part of gap_s that such leaps have.
     """
 
     def __init__(self) -> None:
         self.count = 0
         self.gap_s = 0.0
         self.leapt_s = 0.0
+        self.leap_gap_s = 0.0
         self._in_run = False
         self._ended_ns: int | None = None
         self._lap = 0
@@ -81,6 +82,7 @@ class Runs:
                 self._leap = _NO_LEAP
             else:
                 self._leap = _Leap(gap_s, self._ended_ns, self._lap)
+            self.leap_gap_s += max(gap_s, 0.0)
         gap_s = max(gap_s, 0.0)
         self.gap_s += gap_s
         return gap_s
@@ -90,7 +92,9 @@ class Runs:
         self.leapt_s -= back_s
         before, self._leap = self._leap, _Leap(-back_s, ended_ns, self._lap)
         if abs(before.by_s - back_s) < LEAP_S:
-            self.gap_s -= min(before.by_s, back_s)
+            withdrawn_s = min(before.by_s, back_s)
+            self.gap_s -= withdrawn_s
+            self.leap_gap_s -= withdrawn_s
             self._leap = _NO_LEAP
             if before.is_left_behind(next_ns):
                 return
