@@ -137,21 +137,18 @@ def signed(text: str) -> str:
 
 
 def earlier(text: str) -> str:
-    """The file as the version before wrote it: without the linear MTVV and the windows of HIC."""
+    """The file as the version before wrote it: without the time since exposure began."""
     document = json.loads(text)
-    for sensor in document["kept"]["sensors"].values():
-        meters = sensor["meters"]
-        meters["vertical"] = [[*row[:4], row[5]] for row in meters["vertical"]]
-        meters |= {name: [row[:1] for row in meters[name]] for name in ("hic15", "hic36") if name in meters}
-    return json.dumps(document | {"schema": 3})
+    del document["kept"]["elapsed_s"]
+    return json.dumps(document | {"schema": 4})
 
 
 @pytest.mark.parametrize(
     ("spoil", "why"),
     [
         (lambda text: text[:100], "is damaged: not valid JSON"),
-        (lambda text: text.replace('"schema": 4', '"schema": 7'), "schema is 7, this version reads 4"),
-        (lambda text: signed(earlier(text)), "schema is 3, this version reads 4"),
+        (lambda text: text.replace('"schema": 5', '"schema": 7'), "schema is 7, this version reads 5"),
+        (lambda text: signed(earlier(text)), "schema is 4, this version reads 5"),
         (lambda text: "{}", "has the keys "),
         (lambda text: signed(text.replace(IDENTITY["subject"], "somebody")), "the stored exposure has other subject"),
         (lambda text: signed(text.replace(IDENTITY["sensors"], "others")), "the stored exposure has other sensors"),

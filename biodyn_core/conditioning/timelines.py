@@ -105,12 +105,24 @@ class Timelines:
         """Correction of a sensor's gaps: its time of silence instead of the step of its clock."""
         return self._gap_s[sensor]
 
-    def late_s(self, sensor: str) -> float:
-        """Delay of the first sample behind the first sensor or the last reset, s; 0 up to `wait_s`."""
-        if sensor not in self._began_s:
-            return 0.0
-        late_s = self._began_s[sensor] - max(min(self._began_s.values()), self._reset_s)
+    def late_s(self, sensor: str, earlier_s: float = 0.0) -> float:
+        """Delay of the first sample behind the first sensor or the last reset, s; 0 up to `wait_s`.
+
+        earlier_s: time that earlier runs and the break after them lasted.
+        """
+        late_s = earlier_s + self.joined_s(sensor)
         return late_s if late_s > self._wait_s else 0.0
+
+    def joined_s(self, sensor: str) -> float:
+        """Instant of the first sample after the first sensor began or the last reset, s; 0 before it joins."""
+        return self._began_s[sensor] - self._since_s() if sensor in self._began_s else 0.0
+
+    def elapsed_s(self) -> float:
+        """Time since the first sensor began or the last reset, s."""
+        return max(0.0, self._front_s - self._since_s()) if self._began_s else 0.0
+
+    def _since_s(self) -> float:
+        return max(min(self._began_s.values()), self._reset_s)
 
     def silent_s(self, sensor: str) -> float:
         """Time of the other sensors since the last sample of this one, s; 0 up to `wait_s`.

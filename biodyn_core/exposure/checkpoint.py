@@ -38,11 +38,15 @@ class SensorCheckpoint:
 
 @dataclass(frozen=True, eq=False)
 class ExposureCheckpoint:
-    """Exposure since reset: digests that identify it, sensors by name, and the prediction's totals by name."""
+    """Exposure since reset: digests that identify it, sensors by name, and the prediction's totals by name.
+
+    elapsed_s: time since it began, breaks between runs included. A sensor that joins in a later run has missed it.
+    """
 
     identity: Mapping[str, str]
     sensors: Mapping[str, SensorCheckpoint]
     prediction: Mapping[str, Floats]
+    elapsed_s: float
 
     @property
     def newest_ns(self) -> int:
@@ -72,6 +76,7 @@ class ExposureCheckpoint:
                 for name, one in self.sensors.items()
             },
             "beside": _lists(self.prediction),
+            "elapsed_s": self.elapsed_s,
         }
 
     @classmethod
@@ -83,7 +88,10 @@ class ExposureCheckpoint:
             if not sensors or not set(sensors) <= set(SENSORS):
                 raise ValueError("no sensors, or unknown ones")
             identity = {str(key): str(value) for key, value in _mapping(top["belongs"]).items()}
-            return cls(identity, sensors, _arrays(top["beside"]))
+            elapsed_s = _number(top["elapsed_s"])
+            if elapsed_s < 0.0:
+                raise ValueError("elapsed_s is below zero")
+            return cls(identity, sensors, _arrays(top["beside"]), elapsed_s)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"not a stored exposure ({' '.join(str(error).split())})") from None
 

@@ -22,7 +22,7 @@ from biodyn_ros import __version__
 from biodyn_ros.base.files import OWNER_ONLY, exists, make_directory, remove, state_directory, write_text
 from biodyn_ros.base.json_files import keys_of, read_json
 
-SCHEMA: Final = 4
+SCHEMA: Final = 5
 BACKUP: Final = ".before"
 NO_FILE: Final = "none"
 
