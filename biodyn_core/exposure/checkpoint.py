@@ -53,10 +53,6 @@ class ExposureCheckpoint:
         """The newest stamp of all sensors."""
         return max(one.newest_ns for one in self.sensors.values())
 
-    def newest_of(self, sensor: str) -> int:
-        """The newest stamp of a sensor, by its own clock; of all sensors where this one is not in the checkpoint."""
-        return self.sensors[sensor].newest_ns if sensor in self.sensors else self.newest_ns
-
     def differences(self, identity: Mapping[str, str]) -> str:
         """The names of the digests that differ from an identity, with commas; empty where all match."""
         return ", ".join(name for name in identity if self.identity.get(name) != identity[name])
