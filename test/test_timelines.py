@@ -243,6 +243,18 @@ def test_a_sensor_that_joins_behind_a_reset_is_late_since_then() -> None:
     assert pipeline.losses("neck").missing_s == pytest.approx(5.5 - 28 * BLOCK / RATE_HZ, abs=0.02)
 
 
+def test_a_reset_just_behind_a_set_clock_hides_no_later_loss() -> None:
+    pipeline, streams = Pipeline(subject()), leapt(noisy_streams(SECONDS), [SEAT], HOUR_NS, 4.0, 99.0)
+    streams = without(streams, [SEAT], 6.8, 7.3)
+    for at in range(0, len(streams[0].stamps_ns), BLOCK):
+        if at == 37 * BLOCK:
+            pipeline.reset()
+        for one in streams:
+            part = slice(at, at + BLOCK)
+            pipeline.push(one.sensor, one.stamps_ns[part], one.accel_mps2[part])
+    assert pipeline.losses(SEAT).missing_s == pytest.approx(0.5, abs=0.02)
+
+
 @pytest.mark.parametrize("sensor", [SEAT, "head"])
 def test_a_sensor_that_is_silent_for_longer_than_the_window_has_no_rolling_figures(sensor: str) -> None:
     streams = noisy_streams(16.0)

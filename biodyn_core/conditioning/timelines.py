@@ -91,6 +91,9 @@ class Timelines:
     def reset(self) -> None:
         """A sensor that joins later is late since this reset."""
         self._reset_s = self._front_s
+        self._undecided = {
+            name: leap for name, leap in self._undecided.items() if self._at_s[name] - leap.to_s <= 2.0 * self._near_s
+        }
 
     # --- figures -----------------------------------------------------------------------------------------------------
 
@@ -104,6 +107,10 @@ class Timelines:
     def gap_s(self, sensor: str) -> float:
         """Correction of a sensor's gaps: its time of silence instead of the step of its clock."""
         return self._gap_s[sensor]
+
+    def undecided_s(self, sensor: str) -> float:
+        """The part of a sensor's gaps that is withdrawn if its last leap turns out to be a clock that was set, s."""
+        return max(0.0, self._undecided[sensor].counted_s) if sensor in self._undecided else 0.0
 
     def late_s(self, sensor: str, earlier_s: float = 0.0) -> float:
         """Delay of the first sample behind the first sensor or the last reset, s; 0 up to `wait_s`.

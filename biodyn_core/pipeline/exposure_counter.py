@@ -96,6 +96,11 @@ class ExposureCounter:
         absent_s = status.unrested_s + status.set_back_s + gap_s + late_s + timelines.silent_s(sensor)
         return Losses(status.clipped, absent_s, status.filled_s, status.flat_s)
 
+    def _certain_losses(self, sensor: str) -> Losses:
+        """The losses that stay: what is withdrawn after a reset would hide later losses by as much."""
+        losses = self._losses(sensor)
+        return losses._replace(absent_s=max(0.0, losses.absent_s - self._timelines.undecided_s(sensor)))
+
     def _late_s(self, sensor: str) -> float:
         """Seconds of the exposure, initial one included, before a sensor without initial exposure joined."""
         # With initial exposure, the time before the first sample is the break after it.
@@ -142,5 +147,5 @@ class ExposureCounter:
             meters.reset()
         self.initial = ZERO
         self._timelines.reset()
-        self._at_reset = {name: self._losses(name) for name in self._conditioners}
+        self._at_reset = {name: self._certain_losses(name) for name in self._conditioners}
         self._clipping_at_reset = {name: conditioner.clipping() for name, conditioner in self._conditioners.items()}
