@@ -25,6 +25,13 @@ JOINED_APART_S: Final = 60.0
 MAX_LEADS: Final = 8
 """Number of former leads that are recognised when a clock returns to them, or when another clock is set alike."""
 
+VOTING_WAITS: Final = 1.25
+"""An undecided leap is decided when another sensor has gone on for so many times `wait_s`.
+
+By then every sensor that still sends has sent, and the samples from before a common leap have arrived. The quarter
+is a margin for the samples that confirm a leap.
+"""
+
 
 class _Leap(NamedTuple):
     """A leap of one sensor's stamps; undecided while it is ahead of all others.
@@ -227,8 +234,7 @@ class Timelines:
             if name != sensor:
                 leap.since_s.setdefault(sensor, at_s)
             went_on = self._went_on(leap)
-            # A sensor that goes on for twice `wait_s` is behind no more by its transport, and all others have voted.
-            if sensor in went_on and at_s - leap.since_s[sensor] > self._near_s:
+            if sensor in went_on and at_s - leap.since_s[sensor] > VOTING_WAITS * self._wait_s:
                 self._decide(name, leap, went_on)
             elif name == sensor and leap.since_s and at_s - leap.to_s > 2.0 * self._near_s:
                 del self._undecided[name]  # a pause: whoever went on would have decided the leap by now
