@@ -9,6 +9,7 @@ import pytest
 from conditioned import HOUR_NS, RATE_HZ, START_NS, STILL, Conditioned, stamps
 
 from biodyn_core.conditioning.conditioner import Conditioner
+from biodyn_core.conditioning.runs import LAP_S, Runs
 
 # --- clocks that are not what they should be -------------------------------------------------------------------------
 
@@ -327,6 +328,21 @@ def test_a_gap_stays_one_though_later_time_jumps_back(back_s):
     stamps_ns[9000:] += 10 * 10**9
     stamps_ns[15_000:] -= round(back_s * 1e9)
     assert Conditioned(stamps_ns, MARKED).status.gap_s == pytest.approx(10.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("dropout_first", [True, False])
+def test_a_dropout_is_no_return_from_a_leap_by_as_much_a_minute_away(dropout_first):
+    """All clocks are set back 1.5 s, and two minutes before or after it two seconds are lost."""
+    runs, period_s = Runs(), 1.0 / RATE_HZ
+    leaps_ns = [2 * 10**9, -1_500_000_000] if dropout_first else [-1_500_000_000, 2 * 10**9]
+    begin_ns = START_NS
+    for leap_ns in (0, *leaps_ns):
+        begin_ns += leap_ns
+        runs.end(begin_ns, period_s)
+        runs.add(begin_ns, begin_ns + 120 * 10**9, period_s)
+        begin_ns += 120 * 10**9
+    assert runs.gap_s == runs.leap_gap_s == pytest.approx(2.0, abs=0.01)
+    assert runs.lap_s == LAP_S
 
 
 def test_a_looping_bag_with_a_gap_has_it_in_every_lap():

@@ -245,6 +245,7 @@ def invalid() -> dict:
         "too few": with_(*seat, "lost", value=[0]),
         "a stamp below zero": with_(*seat, "newest_ns", value=-1),
         "covered before its newest sample": with_(*seat, "told_ns", value=1),
+        "a negative time": with_("elapsed_s", value=-1.0),
         "a period of zero": with_(*seat, "rest", value=good["sensors"]["seat"]["rest"] | {"period_s": 0.0}),
         "a rest of another kind": with_(*seat, "rest", value={"x": 1}),
     }
@@ -284,6 +285,30 @@ def test_a_checkpoint_without_the_seat_continues_the_other_sensors() -> None:
     assert twice.seconds == pytest.approx(once.seconds + 2900 / RATE_HZ, abs=0.01)
     assert second.pipeline.losses("head").missing_s == pytest.approx(100 / RATE_HZ, abs=0.01)
     assert SEAT not in second.pipeline.exposure().sensors
+
+
+@pytest.mark.parametrize("gap", [0, 6])
+@pytest.mark.parametrize("absent", [SEAT, "head"])
+def test_a_sensor_that_the_run_before_lacked_has_missed_it_and_the_break(absent: str, gap: int) -> None:
+    """In blocks of 140: one sensor counts 30 alone, a break follows, and the absent one joins 2 after it."""
+    at_rest = np.tile([0.0, 0.0, 9.81], (len(noisy_streams(8.0)[0].stamps_ns), 1))
+    at_rest += 0.01 * np.random.default_rng(3).standard_normal(at_rest.shape)
+    streams = tuple(
+        dataclasses.replace(one, accel_mps2=at_rest) if one.sensor == absent else one for one in noisy_streams(8.0)
+    )
+    cuts = [cut for cut in in_turn(streams, 140) if cut[0] in ("pelvis", absent)]
+    before = [cut for cut in cuts if cut[0] == "pelvis" and cut[1] < 30 * 140]
+    after = [cut for cut in cuts if cut[1] >= (30 + gap + 2 * (cut[0] == absent)) * 140]
+    whole, second = ride(streams, before + after).pipeline, ride(streams, after, continued(ride(streams, before)))
+    lost = second.pipeline.losses(absent)
+    assert lost.lower_bound and lost.absent_s == pytest.approx((32 + gap) * 140 / RATE_HZ, abs=0.03)
+    assert lost.absent_s == pytest.approx(whole.losses(absent).absent_s, abs=0.03)
+    assert second.pipeline.losses("pelvis").absent_s == pytest.approx(gap * 140 / RATE_HZ, abs=0.01)
+    checkpoint = as_text(second)
+    assert checkpoint.elapsed_s == pytest.approx(len(at_rest) / RATE_HZ, abs=0.15)
+    assert ride(streams, [], continued(second)).checkpoint(IDENTITY).elapsed_s == checkpoint.elapsed_s
+    second.reset()
+    assert second.pipeline.losses(absent).absent_s == second.pipeline.counter.elapsed_s() == 0.0
 
 
 def test_a_weighting_that_the_checkpoint_lacks_counts_from_the_restart() -> None:

@@ -8,6 +8,7 @@ import signal
 import stat
 from pathlib import Path
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from ros import STARTUP_S, Sensors, child, ros_graph
@@ -21,6 +22,7 @@ from biodyn_core.exposure.checkpoint import ExposureCheckpoint, digest
 from biodyn_core.exposure.meters import Dose
 from biodyn_core.pipeline.continued_exposure import ContinuedExposure
 from biodyn_core.pipeline.pipeline import Pipeline
+from biodyn_ros.bag.cdr import encode_imu
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import subject_file
 from biodyn_ros.node.exposure_store import ExposureStore, StateFile, identity_of, state_path
@@ -55,6 +57,22 @@ def store(path: Path, **others: str) -> ExposureStore:
     return ExposureStore(StateFile(path), IDENTITY | others, 12.0, "fitting")
 
 
+def begun(file: ExposureStore, exposure: ContinuedExposure, first_ns: dict[str, int], seconds: float = 1.0) -> str:
+    """The message of the store behind messages of some sensors in turn, from their first stamps on."""
+    for number in range(round(seconds * RATE_HZ)):
+        for sensor, begin_ns in first_ns.items():
+            stamp_ns = begin_ns + round(1e9 * number / RATE_HZ)
+            if message := file.begin(exposure, sensor, np.array([stamp_ns])):
+                return message
+    return ""
+
+
+def after(seconds: float, *sensors: str) -> dict[str, int]:
+    """Stamps of sensors, all by default, so long after their newest stored ones."""
+    stored = checkpoint().sensors
+    return {name: stored[name].newest_ns + round(1e9 * seconds) for name in sensors or stored}
+
+
 def test_the_path_is_given_or_in_the_user_s_state_directory(monkeypatch: pytest.MonkeyPatch) -> None:
     assert state_path("none", "/biodyn") is None
     assert state_path("/var/lib/x.json", "/biodyn") == Path("/var/lib/x.json")
@@ -84,7 +102,7 @@ def test_a_stored_exposure_is_continued(tmp_path: Path) -> None:
     second, exposure = store(tmp_path / "state.json"), new()
     assert second.pending
     second.save(exposure)  # before the first sample the file stays
-    assert "continues" in second.begin(exposure, SEAT, checkpoint().newest_ns + 10**9) and second.resumed
+    assert "continues" in begun(second, exposure, after(1.0, SEAT)) and second.resumed
     assert seat_dose(exposure).vdv_mps175 == pytest.approx(seat_dose(counted()).vdv_mps175)
 
 
@@ -103,7 +121,7 @@ def test_reset_before_the_next_counted_sample_deletes_the_file(tmp_path: Path) -
     path = tmp_path / "state.json"
     store(path).close(counted())
     second, exposure = store(path), new()
-    second.begin(exposure, SEAT, checkpoint().newest_ns + 10**9)
+    begun(second, exposure, after(1.0, SEAT))
     exposure.reset()
     assert second.reset() == "" and not second.resumed
     second.close(exposure)
@@ -119,7 +137,57 @@ def test_age_is_by_the_sensor_s_own_clock(tmp_path: Path) -> None:
     store(tmp_path / "state.json").close(ContinuedExposure(run(streams, in_turn(streams), finish=False).pipeline))
     stamps_ns = {one.sensor: int(one.stamps_ns[-1]) + 10**9 for one in streams}
     for first in (SEAT, "neck"):
-        assert "continues" in store(tmp_path / "state.json").begin(new(), first, stamps_ns[first])
+        assert "continues" in begun(store(tmp_path / "state.json"), new(), {first: stamps_ns[first]})
+
+
+HOUR_S = 3600.0
+
+
+@pytest.mark.parametrize(
+    ("held_out", "others"),
+    [
+        ("pelvis", {"pelvis": 12_300_000_000}),  # the clock of its driver is not set yet
+        ("neck", {"neck": 40_000_000_000}),  # seconds since boot, of a sensor that the file lacks
+        ("neck", {"neck": 1_767_225_600 * 10**9 + 30 * 24 * 3600 * 10**9}),
+    ],
+)
+def test_one_sensor_with_a_clock_of_its_own_does_not_end_the_exposure(tmp_path: Path, held_out: str, others) -> None:
+    path, present = tmp_path / "state.json", {name for name in SENSORS if name != "neck"}
+    streams = [one for one in noisy_streams() if one.sensor in present]
+    store(path).close(ContinuedExposure(run(streams, in_turn(streams), finish=False).pipeline))
+    second, exposure = store(path), new()
+    assert begun(second, exposure, others) == "" and second.pending
+    assert "continues" in begun(second, exposure, after(60.0, SEAT)) and second.resumed
+
+
+def test_a_stray_first_stamp_does_not_end_the_exposure(tmp_path: Path) -> None:
+    store(tmp_path / "state.json").close(counted())
+    second, exposure = store(tmp_path / "state.json"), new()
+    assert second.begin(exposure, SEAT, np.array([12_300_000_000])) == ""
+    assert "continues" in begun(second, exposure, after(60.0, SEAT))
+
+
+def test_a_sensor_that_returns_after_a_chain_of_restarts_does_not_end_the_exposure(tmp_path: Path) -> None:
+    """The neck last sent 13 hours ago, the others minutes ago."""
+    document = checkpoint().to_dict()
+    for key in ("newest_ns", "told_ns"):
+        document["sensors"]["neck"][key] -= round(13.0 * HOUR_S * 1e9)
+    for first in ({"neck": 60.0} | dict.fromkeys(SENSORS, 60.0), {"neck": 60.0}):
+        path = tmp_path / "state.json"
+        StateFile(path).close(ExposureCheckpoint.from_dict(document))
+        stamps_ns = {name: after(seconds, SEAT)[SEAT] for name, seconds in first.items()}
+        assert "continues" in begun(store(path), new(), stamps_ns, 11.0)
+
+
+def test_an_exposure_that_no_sensor_fits_is_set_aside_after_ten_seconds(tmp_path: Path) -> None:
+    path = tmp_path / "state.json"
+    store(path).close(counted())
+    second, exposure = store(path), new()
+    assert begun(second, exposure, after(13.0 * HOUR_S, SEAT), 9.5) == "" and second.pending
+    assert (
+        "13.0 h older" in begun(second, exposure, after(13.0 * HOUR_S, SEAT))
+        and path.with_name("state.json.before").exists()
+    )
 
 
 def test_a_directory_is_refused_as_exposure_file(tmp_path: Path) -> None:
@@ -137,21 +205,18 @@ def signed(text: str) -> str:
 
 
 def earlier(text: str) -> str:
-    """The file as the version before wrote it: without the linear MTVV and the windows of HIC."""
+    """The file as the version before wrote it: without the time since exposure began."""
     document = json.loads(text)
-    for sensor in document["kept"]["sensors"].values():
-        meters = sensor["meters"]
-        meters["vertical"] = [[*row[:4], row[5]] for row in meters["vertical"]]
-        meters |= {name: [row[:1] for row in meters[name]] for name in ("hic15", "hic36") if name in meters}
-    return json.dumps(document | {"schema": 3})
+    del document["kept"]["elapsed_s"]
+    return json.dumps(document | {"schema": 4})
 
 
 @pytest.mark.parametrize(
     ("spoil", "why"),
     [
         (lambda text: text[:100], "is damaged: not valid JSON"),
-        (lambda text: text.replace('"schema": 4', '"schema": 7'), "schema is 7, this version reads 4"),
-        (lambda text: signed(earlier(text)), "schema is 3, this version reads 4"),
+        (lambda text: text.replace('"schema": 5', '"schema": 7'), "schema is 7, this version reads 5"),
+        (lambda text: signed(earlier(text)), "schema is 4, this version reads 5"),
         (lambda text: "{}", "has the keys "),
         (lambda text: signed(text.replace(IDENTITY["subject"], "somebody")), "the stored exposure has other subject"),
         (lambda text: signed(text.replace(IDENTITY["sensors"], "others")), "the stored exposure has other sensors"),
@@ -164,12 +229,12 @@ def test_a_file_that_is_not_continued_is_renamed(tmp_path: Path, spoil, why: str
     store(path).close(counted())
     path.write_text(spoil(path.read_text()))
     text, second, exposure = path.read_text(), store(path), new()
-    message = second.begin(exposure, SEAT, checkpoint().newest_ns + 10**9)
+    message = begun(second, exposure, after(1.0))
     assert why in message and "starts at zero" in message and "\n" not in message and not second.resumed
     assert exposure.pipeline.exposure().sensors == {}
     assert path.with_name("state.json.before").read_text() == text and not path.exists()
     path.write_text("another")
-    store(path).begin(exposure, SEAT, 1)
+    begun(store(path), exposure, {SEAT: 1})
     assert path.with_name("state.json.before").read_text() == text
     assert path.with_name("state.json.before1").read_text() == "another"
 
@@ -188,9 +253,9 @@ def test_a_file_that_is_not_continued_is_renamed(tmp_path: Path, spoil, why: str
 def test_age_and_identity_decide_unless_the_policy_is_another(
     tmp_path: Path, policy, identity, hours: float, why: str
 ) -> None:
-    path, first_ns = tmp_path / "state.json", checkpoint().newest_of(SEAT) + round(3.6e12 * hours)
+    path = tmp_path / "state.json"
     store(path).close(counted())
-    message = ExposureStore(StateFile(path), identity, 12.0, policy).begin(new(), SEAT, first_ns)
+    message = begun(ExposureStore(StateFile(path), identity, 12.0, policy), new(), after(3600.0 * hours))
     assert message.startswith("exposure starts at zero: " if why else "exposure continues") and why in message
 
 
@@ -236,6 +301,9 @@ def test_a_killed_node_continues_as_a_lower_bound(tmp_path: Path) -> None:
         vdv.clear()
         with child(graph, "live", *given) as live:
             graph.wait(sensors.matched, "six inputs matched again", STARTUP_S)
+            graph.spin(0.5)
+            stray = encode_imu(np.array([12_300_000_000]), np.full((1, 3), 9.81), np.zeros((1, 3)), "imu")
+            sensors.outputs["pelvis"].publish(bytes(stray[0]))
             graph.spin(0.5)
             sensors.send()
             graph.wait(lambda: vdv, "exposure continues")

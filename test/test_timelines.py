@@ -11,6 +11,8 @@ from streams import RATE_HZ, noisy_streams, subject
 
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.body.synthesis import ImuStream
+from biodyn_core.conditioning.conditioner import Conditioner
+from biodyn_core.conditioning.timelines import Timelines
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.reports.exposure_report import sensor_warnings
 
@@ -52,6 +54,29 @@ def without(streams: Iterable[ImuStream], sensors: Iterable[str], begin_s: float
         # A stamp of zero was never set: it holds the place, and counts for nothing.
         found.append(dataclasses.replace(one, stamps_ns=np.where(kept, one.stamps_ns, 0)))
     return found
+
+
+def timelines_of(streams: list[ImuStream], block: int) -> tuple[Timelines, dict[str, float]]:
+    """Timelines behind the streams in turns, without the rest of the pipeline, and the gaps of each sensor, s."""
+    conditioners = {one.sensor: Conditioner(one.sensor, mode="survey") for one in streams}
+    timelines = Timelines(conditioners, 1.0)
+    for at in range(0, max(len(one.stamps_ns) for one in streams), block):
+        for one in streams:
+            part = slice(at, at + block)
+            conditioners[one.sensor].push(one.stamps_ns[part], one.accel_mps2[part])
+            timelines.update(one.sensor)
+    return timelines, {name: one.status().gap_s + timelines.gap_s(name) for name, one in conditioners.items()}
+
+
+def those(streams: Iterable[ImuStream], *sensors: str) -> list:
+    """The streams of some sensors."""
+    return [one for one in streams if one.sensor in sensors]
+
+
+def still(streams: Iterable[ImuStream], sensor: str) -> list:
+    """The streams with a sensor that does not move, so that its rest is found whenever it begins."""
+    noise = 0.01 * np.random.default_rng(3).standard_normal((len(next(iter(streams)).stamps_ns), 3)) + [0.0, 0.0, 9.81]
+    return [dataclasses.replace(one, accel_mps2=noise) if one.sensor == sensor else one for one in streams]
 
 
 @pytest.mark.parametrize("by_ns", [HOUR_NS, -HOUR_NS])
@@ -108,6 +133,63 @@ def test_a_leap_of_the_last_sensor_left_is_a_pause() -> None:
     assert pipeline.losses(SEAT).missing_s == pytest.approx(3600.0, abs=0.1)
 
 
+def test_the_outage_is_missing_for_the_seat_when_it_returns_alone() -> None:
+    """The sensors that were taken off meanwhile say nothing about the seat's clock."""
+    streams = leapt(those(noisy_streams(SECONDS), SEAT, "pelvis", "head"), SENSORS, 120 * 10**9, 4.0, 99.0)
+    pipeline, *_ = pushed(without(streams, ["pelvis", "head"], 4.0, 99.0))
+    lost = pipeline.losses(SEAT)
+    assert lost.missing_s == pytest.approx(120.0, abs=0.1) and lost.lower_bound
+    assert pipeline.timelines.offset_s(SEAT) == 0.0
+    assert pipeline.seat().zone != "below_action_value"
+    gone_s = 120.0 + len(streams[0].stamps_ns) / RATE_HZ - 4.0
+    assert pipeline.losses("head").missing_s == pytest.approx(gone_s, abs=0.3)
+
+
+def test_the_outage_is_missing_for_two_of_six_sensors_that_return() -> None:
+    streams = leapt(noisy_streams(SECONDS), SENSORS, 120 * 10**9, 4.0, 99.0)
+    streams = without(streams, [name for name in SENSORS if name not in (SEAT, "pelvis")], 4.0, 99.0)
+    _, gaps_s = timelines_of(without(streams, ["pelvis"], 4.0, 4.2), BLOCK)
+    assert gaps_s[SEAT] == pytest.approx(120.0, abs=0.1) and gaps_s["pelvis"] == pytest.approx(120.2, abs=0.1)
+
+
+@pytest.mark.parametrize("block", [35, 140, 900])
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("by_s", [10, 3600, -10])
+@pytest.mark.parametrize("sensor", [SEAT, "neck"])
+def test_the_order_of_arrival_does_not_decide_whether_a_clock_was_set(
+    sensor: str, by_s: int, order: int, block: int
+) -> None:
+    """A clock that was set loses no time, and a pause of all sensors is missing, however samples arrive."""
+    streams = list(noisy_streams(SECONDS))[::order]
+    timelines, gaps_s = timelines_of(leapt(streams, [sensor], by_s * 10**9, 4.0, 99.0), block)
+    lag_s = block / RATE_HZ + 0.05
+    assert timelines.offset_s(sensor) == pytest.approx(by_s, abs=lag_s)
+    assert gaps_s[sensor] == pytest.approx(0.0, abs=lag_s)
+    assert {name: gap_s for name, gap_s in gaps_s.items() if gap_s and name != sensor} == {}
+    timelines, gaps_s = timelines_of(leapt(streams, SENSORS, by_s * 10**9, 4.0, 99.0), block)
+    assert [timelines.offset_s(name) for name in SENSORS] == [0.0] * 6
+    assert list(gaps_s.values()) == pytest.approx([max(0.0, by_s)] * 6, abs=0.1)
+
+
+@pytest.mark.parametrize("by_s", [-30, 10, 20])
+def test_a_sensor_that_joins_behind_a_common_leap_has_the_clock_of_the_others(by_s: int) -> None:
+    """All clocks are set back, or all sensors pause: the neck missed what the seat counted or missed until then."""
+    streams = leapt(
+        still(those(noisy_streams(SECONDS), SEAT, "neck", "head"), "neck"), SENSORS, by_s * 10**9, 3.0, 99.0
+    )
+    timelines, gaps_s = timelines_of(without(streams, ["neck"], 0.0, 6.0), BLOCK)
+    assert [timelines.offset_s(name) for name in (SEAT, "neck", "head")] == [0.0] * 3
+    assert timelines.late_s("neck") == pytest.approx(6.0 + max(0, by_s), abs=0.1)
+    assert timelines.late_s(SEAT) == timelines.late_s("head") == 0.0
+    assert gaps_s["head"] == pytest.approx(max(0.0, by_s), abs=0.1)
+
+
+def test_clocks_of_all_that_are_set_ahead_and_back_again_lose_nothing() -> None:
+    timelines, gaps_s = timelines_of(leapt(noisy_streams(14.0), SENSORS, 10 * 10**9, 2.0, 12.0), BLOCK)
+    assert [timelines.offset_s(name) for name in SENSORS] == [0.0] * 6
+    assert list(gaps_s.values()) == pytest.approx([0.0] * 6, abs=0.05)
+
+
 def test_sensors_whose_clocks_are_hours_apart_from_the_start_are_neither_late_nor_silent() -> None:
     pipeline, *_ = pushed(leapt(noisy_streams(SECONDS), ["neck"], HOUR_NS, 0.0, 99.0))
     assert pipeline.timelines.offset_s("neck") == pytest.approx(3600.0, abs=0.3)
@@ -159,6 +241,18 @@ def test_a_sensor_that_joins_behind_a_reset_is_late_since_then() -> None:
             part = slice(at, at + BLOCK)
             pipeline.push(one.sensor, one.stamps_ns[part], one.accel_mps2[part])
     assert pipeline.losses("neck").missing_s == pytest.approx(5.5 - 28 * BLOCK / RATE_HZ, abs=0.02)
+
+
+def test_a_reset_just_behind_a_set_clock_hides_no_later_loss() -> None:
+    pipeline, streams = Pipeline(subject()), leapt(noisy_streams(SECONDS), [SEAT], HOUR_NS, 4.0, 99.0)
+    streams = without(streams, [SEAT], 6.8, 7.3)
+    for at in range(0, len(streams[0].stamps_ns), BLOCK):
+        if at == 37 * BLOCK:
+            pipeline.reset()
+        for one in streams:
+            part = slice(at, at + BLOCK)
+            pipeline.push(one.sensor, one.stamps_ns[part], one.accel_mps2[part])
+    assert pipeline.losses(SEAT).missing_s == pytest.approx(0.5, abs=0.02)
 
 
 @pytest.mark.parametrize("sensor", [SEAT, "head"])

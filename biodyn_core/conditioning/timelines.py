@@ -1,33 +1,57 @@
 """Timelines: the stamps of sensors against each other: clocks that were set, late sensors, silent sensors.
 
-If the stamps of one sensor leap, its clock was set: its samples are counted further, and only its silence is missing.
-If most sensors leap alike, a bag loops or the recording paused.
+All sensors share one time, which never steps back: the seconds of the first clock, plus pauses. The lead of each clock
+over it changes only where stamps leap:
+
+- A leap up to where the others are ends a silence: the lead stays, and the gap is missing.
+- A leap behind the others, or back, shows a clock that was set: the lead changes, and only the silence is missing.
+- A leap ahead of all others is undecided, and counts as a pause. The others decide it by samples that they send after
+  it: most of them reach the same instant (a pause), or most go on before it (the clock of this sensor was set).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Final, NamedTuple
 
 from biodyn_core.base.segments import SEAT
 from biodyn_core.conditioning.conditioner import Conditioner
+from biodyn_core.kernels.sensor import LEAP_S
 
 JOINED_APART_S: Final = 60.0
 """A sensor whose first stamps differ from the others' by more has another clock; with less it is late."""
 
-MAX_OFFSETS: Final = 8
-"""Number of former clock offsets of a sensor that are recognised when its clock returns to them."""
+MAX_LEADS: Final = 8
+"""Number of former leads that are recognised when a clock returns to them, or when another clock is set alike."""
+
+VOTING_WAITS: Final = 1.25
+"""An undecided leap is decided when another sensor has gone on for so many times `wait_s`.
+
+By then every sensor that still sends has sent, and the samples from before a common leap have arrived. The quarter
+is a margin for the samples that confirm a leap.
+"""
 
 
-class _Offset(NamedTuple):
-    """Lead of a sensor's clock over the others, and the correction of the gaps that its conditioning counts."""
+class _Leap(NamedTuple):
+    """A leap of one sensor's stamps; undecided while it is ahead of all others.
 
-    ahead_s: float
-    gap_s: float
+    leapt_s: its size. counted_s: the gap that the conditioning counted for it. silent_s: how far the others went on
+    since the last sample before it. to_s: the instant after it. lags_s: the lag of each sensor before it. since_s: the
+    first instant that each other sensor sent after it.
+    """
 
+    leapt_s: float
+    counted_s: float
+    silent_s: float
+    to_s: float
+    lags_s: Mapping[str, float]
+    since_s: dict[str, float]
 
-_NO_OFFSET: Final = _Offset(0.0, 0.0)
+    @property
+    def set_s(self) -> float:
+        """By how much the clock was set, if it was."""
+        return self.leapt_s - self.silent_s
 
 
 class Timelines:
@@ -40,109 +64,198 @@ class Timelines:
         self._conditioners, self._wait_s = conditioners, wait_s
         self._near_s = 2.0 * wait_s
         self._leapt_s = dict.fromkeys(conditioners, 0.0)
-        self._offsets = {name: [_NO_OFFSET] for name in conditioners}
-        self._began_s: dict[str, float] = {}
-        self._sent_ns: dict[str, int] = {}
-        self._front_s = self._reset_s = -math.inf
+        self._counted_s = dict.fromkeys(conditioners, 0.0)
+        self._gap_s = dict.fromkeys(conditioners, 0.0)
         self._behind_s = dict.fromkeys(conditioners, 0.0)
+        self._sent_ns: dict[str, int] = {}
+        # Of sensors that have joined: the first and the newest instant in the shared time, and the lead over it.
+        self._began_s: dict[str, float] = {}
+        self._at_s: dict[str, float] = {}
+        self._lead_s: dict[str, float] = {}
+        self._leads_s = [0.0]
+        self._undecided: dict[str, _Leap] = {}
+        self._front_s = self._reset_s = -math.inf
 
     def update(self, sensor: str) -> None:
         """Update after a push of one sensor: whether it joins, whether its stamps leapt, its lag behind the others."""
-        joins = sensor not in self._began_s
-        if joins or self._conditioners[sensor].runs.leapt_s != self._leapt_s[sensor]:
-            self._update_offset(sensor, joins)
-        newest_ns = self._conditioners[sensor].newest_ns
-        if newest_ns is not None and newest_ns != self._sent_ns.get(sensor):
-            self._sent_ns[sensor] = newest_ns
-            own_s = 1e-9 * newest_ns - self._offsets[sensor][-1].ahead_s
-            self._front_s = max(self._front_s, own_s)
-            self._behind_s[sensor] = self._front_s - own_s
+        conditioner = self._conditioners[sensor]
+        newest_ns, first_ns = conditioner.newest_ns, conditioner.first_ns
+        if newest_ns is None or first_ns is None or newest_ns == self._sent_ns.get(sensor):
+            return
+        self._sent_ns[sensor] = newest_ns
+        if sensor not in self._began_s:
+            self._join(sensor, 1e-9 * first_ns, 1e-9 * newest_ns)
+        self._at_s[sensor] = 1e-9 * newest_ns - self._lead_s[sensor]
+        if conditioner.runs.leapt_s != self._leapt_s[sensor]:
+            self._leap(sensor)
+            self._update_front()
+        if self._undecided:
+            self._vote(sensor)
+            self._update_front()
+        self._front_s = max(self._front_s, self._at_s[sensor]) if not self._undecided else self._front_s
+        self._behind_s[sensor] = max(0.0, self._front_s - self._at_s[sensor])
 
     def reset(self) -> None:
         """A sensor that joins later is late since this reset."""
         self._reset_s = self._front_s
+        self._undecided = {
+            name: leap for name, leap in self._undecided.items() if self._at_s[name] - leap.to_s <= 2.0 * self._near_s
+        }
 
-    def _update_offset(self, sensor: str, joins: bool) -> None:
-        """Update the offset of a sensor that joins, or whose stamps leapt."""
-        conditioner, own_s = self._conditioners[sensor], self._newest_s(sensor)
-        if own_s is None:
-            return
-        leapt_s = conditioner.runs.leapt_s - self._leapt_s[sensor]
-        self._leapt_s[sensor] = conditioner.runs.leapt_s
-        ahead_s = 0.0
-        others = [s for name in self._began_s if name != sensor and (s := self._newest_s(name)) is not None]
-        if others:
-            ahead_s = own_s - max(others)
-            # Where it was ahead of all others before the leap, they have stopped, and nothing can be concluded.
-            was_set = abs(ahead_s) > JOINED_APART_S if joins else ahead_s - leapt_s < self._near_s < abs(ahead_s)
-            if was_set:
-                away_s = 0.0 if joins else max(0.0, leapt_s - ahead_s)
-                self._set(sensor, self.offset_s(sensor) + ahead_s, 0.0 if joins else away_s - max(0.0, leapt_s))
-        if joins and conditioner.first_ns is not None:
-            began_s = 1e-9 * conditioner.first_ns - self.offset_s(sensor)
-            if ahead_s < -self._near_s:  # its clock is behind, or its samples came late: the others did not begin late
-                began_s = max(began_s, min(self._began_s.values()))
-            self._began_s[sensor] = began_s
-        self._follow_majority()
+    # --- figures -----------------------------------------------------------------------------------------------------
 
     def offset_s(self, sensor: str) -> float:
         """Lead of a sensor's clock over the majority since it was set, s; 0 if it was not set."""
-        return self._offsets[sensor][-1].ahead_s
+        if sensor not in self._lead_s:
+            return 0.0
+        offset_s = self._lead_s[sensor] - self._majority_s()
+        return offset_s if abs(offset_s) > self._near_s else 0.0
 
     def gap_s(self, sensor: str) -> float:
         """Correction of a sensor's gaps: its time of silence instead of the step of its clock."""
-        return self._offsets[sensor][-1].gap_s
+        return self._gap_s[sensor]
 
-    def late_s(self, sensor: str) -> float:
-        """Delay of the first sample behind the first sensor or the last reset, s; 0 up to `wait_s`."""
-        if sensor not in self._began_s:
-            return 0.0
-        late_s = self._began_s[sensor] - max(min(self._began_s.values()), self._reset_s)
+    def undecided_s(self, sensor: str) -> float:
+        """The part of a sensor's gaps that is withdrawn if its last leap turns out to be a clock that was set, s."""
+        return max(0.0, self._undecided[sensor].counted_s) if sensor in self._undecided else 0.0
+
+    def late_s(self, sensor: str, earlier_s: float = 0.0) -> float:
+        """Delay of the first sample behind the first sensor or the last reset, s; 0 up to `wait_s`.
+
+        earlier_s: time that earlier runs and the break after them lasted.
+        """
+        late_s = earlier_s + self.joined_s(sensor)
         return late_s if late_s > self._wait_s else 0.0
+
+    def joined_s(self, sensor: str) -> float:
+        """Instant of the first sample after the first sensor began or the last reset, s; 0 before it joins."""
+        return self._began_s[sensor] - self._since_s() if sensor in self._began_s else 0.0
+
+    def elapsed_s(self) -> float:
+        """Time since the first sensor began or the last reset, s."""
+        return max(0.0, self._front_s - self._since_s()) if self._began_s else 0.0
+
+    def _since_s(self) -> float:
+        return max(min(self._began_s.values()), self._reset_s)
 
     def silent_s(self, sensor: str) -> float:
         """Time of the other sensors since the last sample of this one, s; 0 up to `wait_s`.
 
         Its lag at that sample belongs to its clock or transport and is no silence: clocks drift apart over hours.
         """
-        own_s = self._newest_s(sensor)
-        if own_s is None:
+        if sensor not in self._at_s:
             return 0.0
-        silent_s = self._front_s - own_s - self._behind_s[sensor]
+        silent_s = self._front_s - self._at_s[sensor] - self._behind_s[sensor]
         return silent_s if silent_s > self._wait_s else 0.0
 
-    def _newest_s(self, sensor: str) -> float | None:
-        """The newest stamp on the majority's timeline."""
-        newest_ns = self._conditioners[sensor].newest_ns
-        return None if newest_ns is None else 1e-9 * newest_ns - self.offset_s(sensor)
+    def _majority_s(self) -> float:
+        """The lead that most sending sensors have; where two are as frequent, the seat's."""
+        leads_s, near_s = self._lead_s, self._near_s
+        sending = [name for name in leads_s if not self.silent_s(name)] or list(leads_s)
 
-    def _set(self, sensor: str, by_s: float, gap_s: float) -> None:
-        """Set a sensor's offset; one that it had before is a return, which its conditioning has handled."""
-        before = self._offsets[sensor]
-        same = [i for i, one in enumerate(before) if abs(one.ahead_s - by_s) <= self._near_s]
-        if same:
-            self._offsets[sensor] = before[: same[-1] + 1]
-        else:
-            self._offsets[sensor] = [before[0], *before[1:][-MAX_OFFSETS:], _Offset(by_s, before[-1].gap_s + gap_s)]
+        def weight(one: str) -> tuple[int, bool]:
+            alike = [other for other in sending if abs(leads_s[one] - leads_s[other]) <= near_s]
+            return len(alike), SEAT in alike
 
-    def _follow_majority(self) -> None:
-        """Use the timeline of most sending sensors if they leapt alike: the others have the offset."""
-        newest = {name: s for name in self._began_s if (s := self._newest_s(name)) is not None}
-        if not newest:
+        return leads_s[max(sending, key=weight)]
+
+    # --- joins and leaps ---------------------------------------------------------------------------------------------
+
+    def _join(self, sensor: str, first_s: float, newest_s: float) -> None:
+        """Begin a sensor by the majority's clock, or by one of its own if its stamps are far from all others'."""
+        self._leapt_s[sensor] = self._conditioners[sensor].runs.leapt_s
+        self._counted_s[sensor] = self._conditioners[sensor].runs.leap_gap_s
+        if not self._began_s:
+            self._lead_s[sensor], self._began_s[sensor] = 0.0, first_s
             return
-        sending = [name for name, newest_s in newest.items() if newest_s > max(newest.values()) - self._near_s]
-        most = max(sending, key=lambda name: (self._alike(name, sending), self._near(name, SEAT)))
-        by_s = self.offset_s(most)
-        if abs(by_s) <= self._near_s:
+        lead_s = self._majority_s()
+        if min(abs(newest_s - lead_s - at_s) for at_s in self._at_s.values()) > JOINED_APART_S:
+            lead_s = self._known_lead(newest_s - self._front_s)
+        began_s = first_s - lead_s
+        if newest_s - lead_s < self._front_s - self._near_s:
+            # Its clock is behind, or its samples came late: the others did not begin late.
+            began_s = max(began_s, min(self._began_s.values()))
+        self._lead_s[sensor], self._began_s[sensor] = lead_s, began_s
+
+    def _leap(self, sensor: str) -> None:
+        """Classify a leap of a sensor's stamps by the place of the others."""
+        leap = self._new_leap(sensor)
+        before = self._undecided.pop(sensor, None)
+        if before is not None:
+            leap = leap._replace(
+                leapt_s=before.leapt_s + leap.leapt_s, counted_s=before.counted_s + leap.counted_s,
+                silent_s=before.silent_s + leap.silent_s, lags_s=before.lags_s,
+            )  # fmt: skip
+            if abs(leap.leapt_s) < LEAP_S and abs(leap.counted_s) < LEAP_S:
+                return  # the stamps return, and the conditioning has withdrawn the gap
+        if leap.set_s > self._near_s:
+            self._undecided[sensor] = leap
+        elif leap.set_s < -self._near_s:
+            self._set(sensor, leap)
+
+    def _new_leap(self, sensor: str) -> _Leap:
+        """The leap since the sensor's last update."""
+        runs, at_s = self._conditioners[sensor].runs, self._at_s[sensor]
+        leapt_s, counted_s = runs.leapt_s - self._leapt_s[sensor], runs.leap_gap_s - self._counted_s[sensor]
+        self._leapt_s[sensor], self._counted_s[sensor] = runs.leapt_s, runs.leap_gap_s
+        others = [s for name, s in self._at_s.items() if name != sensor and name not in self._undecided]
+        silent_s = max(others, default=-math.inf) - self._behind_s[sensor] - (at_s - leapt_s)
+        return _Leap(leapt_s, counted_s, max(0.0, silent_s), at_s, dict(self._behind_s), {})
+
+    def _set(self, sensor: str, leap: _Leap) -> None:
+        """Count a leap as a clock that was set: only its silence is missing."""
+        self._move(sensor, leap.set_s)
+        counted_s = leap.counted_s
+        if counted_s < 0.0:  # the conditioning has withdrawn an earlier gap, which may be corrected here already
+            counted_s = -min(-counted_s, max(0.0, -self._gap_s[sensor]))
+        self._gap_s[sensor] += leap.silent_s - counted_s
+
+    def _move(self, sensor: str, by_s: float) -> None:
+        """Change the lead of a sensor's clock."""
+        moved_s = self._known_lead(self._lead_s[sensor] + by_s) - self._lead_s[sensor]
+        self._lead_s[sensor] += moved_s
+        self._at_s[sensor] -= moved_s
+
+    def _known_lead(self, lead_s: float) -> float:
+        """A known lead where one is near, so that clocks that are set alike stay alike; else the lead as given."""
+        leads_s = (*self._lead_s.values(), *self._leads_s)
+        known = [one for one in leads_s if abs(one - lead_s) <= self._near_s]
+        if known:
+            return min(known, key=lambda one: abs(one - lead_s))
+        self._leads_s = [*self._leads_s[-MAX_LEADS:], lead_s]
+        return lead_s
+
+    # --- undecided leaps ---------------------------------------------------------------------------------------------
+
+    def _vote(self, sensor: str) -> None:
+        """Take the newest sample of a sensor as a vote on undecided leaps; decide those with enough of them."""
+        at_s = self._at_s[sensor]
+        for name, leap in list(self._undecided.items()):
+            if name != sensor:
+                leap.since_s.setdefault(sensor, at_s)
+            went_on = self._went_on(leap)
+            if sensor in went_on and at_s - leap.since_s[sensor] > VOTING_WAITS * self._wait_s:
+                self._decide(name, leap, went_on)
+            elif name == sensor and leap.since_s and at_s - leap.to_s > 2.0 * self._near_s:
+                del self._undecided[name]  # a pause: whoever went on would have decided the leap by now
+
+    def _went_on(self, leap: _Leap) -> set[str]:
+        """The other sensors that sent after a leap from instants before it, as if there was no pause."""
+        limit_s = leap.to_s - self._near_s
+        return {name for name in leap.since_s if self._at_s[name] + leap.lags_s.get(name, 0.0) < limit_s}
+
+    def _decide(self, sensor: str, leap: _Leap, went_on: Collection[str]) -> None:
+        """Decide a leap by the majority of the sensors that sent after it, where equal by the seat's side."""
+        del self._undecided[sensor]
+        paused = {sensor, *leap.since_s}.difference(went_on)
+        if (len(went_on), SEAT in went_on) > (len(paused), SEAT in paused):
+            self._set(sensor, leap)
             return
-        for name in self._conditioners:
-            self._set(name, self.offset_s(name) - by_s, 0.0)
-        self._began_s = {name: began_s + by_s for name, began_s in self._began_s.items()}
-        self._front_s += by_s
-        self._reset_s += by_s
+        for other in went_on:
+            self._move(other, -leap.set_s)
 
-    def _alike(self, sensor: str, sending: list[str]) -> int:
-        return sum(self._near(sensor, other) for other in sending)
-
-    def _near(self, one: str, other: str) -> bool:
-        return abs(self.offset_s(one) - self.offset_s(other)) <= self._near_s
+    def _update_front(self) -> None:
+        """The newest instant of all sensors; an undecided leap counts while no other sensor went on before it."""
+        doubtful = {name for name, leap in self._undecided.items() if self._went_on(leap)}
+        self._front_s = max(s for name, s in self._at_s.items() if name not in doubtful)
+        self._reset_s = min(self._reset_s, self._front_s)

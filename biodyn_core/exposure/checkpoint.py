@@ -38,20 +38,20 @@ class SensorCheckpoint:
 
 @dataclass(frozen=True, eq=False)
 class ExposureCheckpoint:
-    """Exposure since reset: digests that identify it, sensors by name, and the prediction's totals by name."""
+    """Exposure since reset: digests that identify it, sensors by name, and the prediction's totals by name.
+
+    elapsed_s: time since it began, breaks between runs included. A sensor that joins in a later run has missed it.
+    """
 
     identity: Mapping[str, str]
     sensors: Mapping[str, SensorCheckpoint]
     prediction: Mapping[str, Floats]
+    elapsed_s: float
 
     @property
     def newest_ns(self) -> int:
         """The newest stamp of all sensors."""
         return max(one.newest_ns for one in self.sensors.values())
-
-    def newest_of(self, sensor: str) -> int:
-        """The newest stamp of a sensor, by its own clock; of all sensors where this one is not in the checkpoint."""
-        return self.sensors[sensor].newest_ns if sensor in self.sensors else self.newest_ns
 
     def differences(self, identity: Mapping[str, str]) -> str:
         """The names of the digests that differ from an identity, with commas; empty where all match."""
@@ -72,6 +72,7 @@ class ExposureCheckpoint:
                 for name, one in self.sensors.items()
             },
             "beside": _lists(self.prediction),
+            "elapsed_s": self.elapsed_s,
         }
 
     @classmethod
@@ -83,7 +84,10 @@ class ExposureCheckpoint:
             if not sensors or not set(sensors) <= set(SENSORS):
                 raise ValueError("no sensors, or unknown ones")
             identity = {str(key): str(value) for key, value in _mapping(top["belongs"]).items()}
-            return cls(identity, sensors, _arrays(top["beside"]))
+            elapsed_s = _number(top["elapsed_s"])
+            if elapsed_s < 0.0:
+                raise ValueError("elapsed_s is below zero")
+            return cls(identity, sensors, _arrays(top["beside"]), elapsed_s)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"not a stored exposure ({' '.join(str(error).split())})") from None
 

@@ -52,7 +52,7 @@ class ContinuedExposure:
             sensors[name] = InitialSensor(meters, one.losses, one.covered_ns)
         if SEAT in sensors:  # totals that do not fit are refused now, not at the seat's first sample
             self.pipeline.new_predictor(sensors[SEAT].meters.rate_hz).resume(checkpoint.prediction, 0.0)
-        counter.initial = InitialExposure(sensors, checkpoint.prediction)
+        counter.initial = InitialExposure(sensors, checkpoint.prediction, checkpoint.elapsed_s)
         self._sensors, self._first = checkpoint.sensors, {name: [] for name in sensors}
 
     def push(self, sensor: str, stamps_ns: Integers, samples_mps2: Floats) -> Frames:
@@ -88,7 +88,7 @@ class ContinuedExposure:
                     newest_ns, covered_ns, pipeline.losses(name), conditioner.rest, meters.totals()
                 )
         prediction = pipeline.predictor.totals() if pipeline.predictor else pipeline.counter.initial.prediction
-        return ExposureCheckpoint(identity, sensors, prediction) if sensors else None
+        return ExposureCheckpoint(identity, sensors, prediction, pipeline.counter.elapsed_s()) if sensors else None
 
     def _begin(self, sensor: str) -> Samples:
         """Begin a sensor at its former rest where that still holds; returns the samples that waited."""

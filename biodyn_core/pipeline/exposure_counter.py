@@ -24,13 +24,14 @@ class InitialSensor(NamedTuple):
 
 
 class InitialExposure(NamedTuple):
-    """Exposure that counting starts from: by sensor, and the totals of the prediction by name."""
+    """Exposure that counting starts from: by sensor, the totals of the prediction by name, and how long it lasted."""
 
     sensors: Mapping[str, InitialSensor]
     prediction: Mapping[str, Floats]
+    elapsed_s: float
 
 
-ZERO: Final = InitialExposure({}, {})
+ZERO: Final = InitialExposure({}, {}, 0.0)
 
 
 class ExposureCounter:
@@ -91,10 +92,38 @@ class ExposureCounter:
         """The losses of a sensor in this run."""
         status, timelines = self._conditioners[sensor].status(), self._timelines
         gap_s = max(0.0, status.gap_s + timelines.gap_s(sensor))
-        # With initial exposure, the time before the first sample is the break after it.
-        late_s = 0.0 if sensor in self.initial.sensors else timelines.late_s(sensor)
+        late_s = self._late_s(sensor)
         absent_s = status.unrested_s + status.set_back_s + gap_s + late_s + timelines.silent_s(sensor)
         return Losses(status.clipped, absent_s, status.filled_s, status.flat_s)
+
+    def _certain_losses(self, sensor: str) -> Losses:
+        """The losses that stay: what is withdrawn after a reset would hide later losses by as much."""
+        losses = self._losses(sensor)
+        return losses._replace(absent_s=max(0.0, losses.absent_s - self._timelines.undecided_s(sensor)))
+
+    def _late_s(self, sensor: str) -> float:
+        """Seconds of the exposure, initial one included, before a sensor without initial exposure joined."""
+        # With initial exposure, the time before the first sample is the break after it.
+        if sensor in self.initial.sensors or self._conditioners[sensor].rest is None:
+            return 0.0
+        return self._timelines.late_s(sensor, self._before_run_s())
+
+    def elapsed_s(self) -> float:
+        """Seconds since exposure began or was reset, runs before this one and the breaks between them included."""
+        return self._before_run_s() + self._timelines.elapsed_s()
+
+    def _before_run_s(self) -> float:
+        """Seconds of the initial exposure, and of the break up to the first sensor of this run."""
+        began = {name: ns for name, c in self._conditioners.items() if c.rest and (ns := c.first_ns) is not None}
+        if not began:
+            return self.initial.elapsed_s
+        ends_ns = {name: one.end_ns for name, one in self.initial.sensors.items()}
+        returned = [name for name in ends_ns if name in began]
+        breaks_s = [1e-9 * (began[name] - ends_ns[name]) - self._timelines.joined_s(name) for name in returned]
+        if not returned:
+            breaks_s = [1e-9 * (min(began.values()) - end_ns) for end_ns in ends_ns.values()]
+        # The shortest: other sensors were absent from the run before too. Below zero, a clock was set in between.
+        return self.initial.elapsed_s + min((s for s in breaks_s if s > 0.0), default=0.0)
 
     def _initial_losses(self, sensor: str) -> Losses:
         if sensor not in self.initial.sensors:
@@ -118,5 +147,5 @@ class ExposureCounter:
             meters.reset()
         self.initial = ZERO
         self._timelines.reset()
-        self._at_reset = {name: self._losses(name) for name in self._conditioners}
+        self._at_reset = {name: self._certain_losses(name) for name in self._conditioners}
         self._clipping_at_reset = {name: conditioner.clipping() for name, conditioner in self._conditioners.items()}

@@ -14,6 +14,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Final, Literal
 
+from biodyn_core.base.arrays import Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.body.subject import Subject
 from biodyn_core.exposure.checkpoint import ExposureCheckpoint, digest
@@ -21,8 +22,9 @@ from biodyn_core.pipeline.continued_exposure import ContinuedExposure
 from biodyn_ros import __version__
 from biodyn_ros.base.files import OWNER_ONLY, exists, make_directory, remove, state_directory, write_text
 from biodyn_ros.base.json_files import keys_of, read_json
+from biodyn_ros.node.first_stamps import FirstStamps
 
-SCHEMA: Final = 4
+SCHEMA: Final = 5
 BACKUP: Final = ".before"
 NO_FILE: Final = "none"
 
@@ -110,45 +112,52 @@ class StateFile:
 
 
 class ExposureStore:
-    """Continue the stored exposure at the first sample, and store what is counted from then on.
+    """Continue the stored exposure at the first samples, and store what is counted from then on.
 
-    identity: of the exposure to continue, see `ExposureCheckpoint`; max_age_h: by the stamps of the first sample.
-    pending: whether the file still awaits the first sample, which decides what becomes of it. resumed: whether it was
+    identity: of the exposure to continue, see `ExposureCheckpoint`; max_age_h: by the first stamps, see `FirstStamps`.
+    pending: whether the file still awaits the first samples, which decide what becomes of it. resumed: whether it was
     continued. failure: the error of the last write, empty without one.
     """
 
     def __init__(self, file: StateFile, identity: Mapping[str, str], max_age_h: float, policy: Policy) -> None:
         self._file, self._identity, self._max_age_h, self._policy = file, identity, max_age_h, policy
+        self._stored: ExposureCheckpoint | None = None
+        self._first: FirstStamps | None = None
         self.resumed, self.failure = False, ""
         self.pending = exists(file.path)
 
-    def begin(self, exposure: ContinuedExposure, sensor: str, stamp_ns: int) -> str:
-        """At the first sample: continue the stored exposure, or rename its file; return a message that says which."""
-        self.pending = False
+    def begin(self, exposure: ContinuedExposure, sensor: str, stamps_ns: Integers) -> str:
+        """Take first stamps (n,) ns until the exposure is continued, or its file renamed: return which, "" before.
+
+        Samples are pushed into the exposure only after that.
+        """
+        if not stamps_ns.any():  # stamps of zero were never set
+            return ""
         try:
-            checkpoint = self._file.read()
-            age_h = (stamp_ns - checkpoint.newest_of(sensor)) / 3.6e12 if checkpoint else 0.0
-            why = self._refusal(checkpoint, age_h) if checkpoint else "the file no longer exists"
-            if checkpoint and not why:
-                exposure.resume(checkpoint)
+            why = self._decided(sensor, stamps_ns)
+            if why is None:
+                return ""
+            self.pending = False
+            if self._stored is not None and not why:
+                exposure.resume(self._stored)
                 self.resumed = True
                 return f"exposure continues from {self._file.path}"
         except InputError as error:
-            why = str(error)
+            why, self.pending = str(error), False
         return f"exposure starts at zero: {why}; {self._back_up()}"
 
-    def _refusal(self, checkpoint: ExposureCheckpoint, age_h: float) -> str:
-        """Why a checkpoint of that age, by its stamps, is not continued; empty where it is."""
-        if self._policy == "none":
-            return "kept_exposure is none"
-        if self._policy == "any":
-            return ""
-        if differences := checkpoint.differences(self._identity):
-            return f"the stored exposure has other {differences}"
-        if abs(age_h) > self._max_age_h:
-            when = f"{age_h:.1f} h older" if age_h > 0.0 else f"{-age_h:.1f} h newer"
-            return f"by its stamps it is {when} than the first sample, up to {self._max_age_h:g} h is continued"
-        return ""
+    def _decided(self, sensor: str, stamps_ns: Integers) -> str | None:
+        """Why the stored exposure is not continued, "" where it is, None while the stamps do not decide."""
+        if self._first is None:
+            self._stored = self._file.read()
+            if self._stored is None:
+                return "the file no longer exists"
+            if self._policy != "fitting":
+                return "" if self._policy == "any" else "kept_exposure is none"
+            if differences := self._stored.differences(self._identity):
+                return f"the stored exposure has other {differences}"
+            self._first = FirstStamps(self._stored, self._max_age_h)
+        return self._first.add(sensor, stamps_ns)
 
     def reset(self) -> str:
         """Exposure was reset: delete the file; return a message, empty where there is nothing to report.

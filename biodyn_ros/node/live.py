@@ -85,6 +85,7 @@ class BiodynNode(LifecycleNode):
         self.pipeline: Pipeline | None = None
         self._exposure: ContinuedExposure | None = None
         self._store: ExposureStore | None = None
+        self._waiting: list[tuple[str, Integers, Floats]] = []
         self._page: PageChild | None = None
         self._statuses: list[Status] = []
         self._node_timers: list[Any] = []
@@ -144,7 +145,7 @@ class BiodynNode(LifecycleNode):
         conditioning, settings = params.read(self, ConditioningSettings), params.read(self, PipelineSettings)
         self._warn_of_slow_kernels(warm_up(subject))
         pipeline = Pipeline(subject, conditioning, settings, limits)
-        self._exposure, self._store = ContinuedExposure(pipeline), self._new_store(subject)
+        self._exposure, self._store, self._waiting = ContinuedExposure(pipeline), self._new_store(subject), []
         self._snapshots = SnapshotBuilder(self.settings.shock_mps2)
         self._sensors = Subscriptions(
             self, self.settings.queue_depth, settings.window_s, self._push, lambda: pipeline.overdue,
@@ -259,8 +260,23 @@ class BiodynNode(LifecycleNode):
     # --- samples in, results out -------------------------------------------------------------------------------------
 
     def _push(self, sensor: str, stamps_ns: Integers, accel_mps2: Floats) -> None:
-        if self._store is not None and self._store.pending and stamps_ns[0] != 0:  # a stamp of zero was never set
-            self.get_logger().warning(self._store.begin(self._exposure, sensor, int(stamps_ns[0])))
+        """Process samples; they wait while the stored exposure awaits the stamps that decide whether it continues."""
+        samples = sensor, stamps_ns, accel_mps2
+        if self._store is None or not self._store.pending or not stamps_ns.any():  # stamps of zero decide nothing
+            self._process(*samples)
+            return
+        self._waiting.append(samples)
+        if message := self._store.begin(self._exposure, sensor, stamps_ns):
+            self.get_logger().warning(message)
+            self._process_waiting()
+
+    def _process_waiting(self) -> None:
+        """Process the samples that wait."""
+        waiting, self._waiting = self._waiting, []
+        for samples in waiting:
+            guarded(self._process, self._log_sample_error)(*samples)
+
+    def _process(self, sensor: str, stamps_ns: Integers, accel_mps2: Floats) -> None:
         frames = self._exposure.push(sensor, stamps_ns, accel_mps2)
         self._publications.frames(frames)
         self._snapshots.add(frames)
@@ -309,6 +325,9 @@ class BiodynNode(LifecycleNode):
     def _log_timer_error(self, error: str) -> None:
         self.get_logger().error(f"timer: {error}", throttle_duration_sec=1.0)
 
+    def _log_sample_error(self, error: str) -> None:
+        self.get_logger().error(f"first samples: {error}", throttle_duration_sec=1.0)
+
     # --- exposure across restarts ------------------------------------------------------------------------------------
 
     def _new_store(self, subject: Subject) -> ExposureStore | None:
@@ -336,8 +355,9 @@ class BiodynNode(LifecycleNode):
     # --- services ----------------------------------------------------------------------------------------------------
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._exposure.reset()
         stored = self._store.reset() if self._store is not None else ""
+        self._process_waiting()  # they came before the reset
+        self._exposure.reset()
         return self._done(response, f"exposure since reset is set to zero{stored and f'; {stored}'}")
 
     def _on_mark(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
