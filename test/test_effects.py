@@ -350,7 +350,8 @@ def test_zero_strength_is_the_base_model_to_the_last_bit(name: str) -> None:
         # ... also where it is written into the integrator.
         chain = Chain.of(with_effects(applied(name)))
         bounds = dataclasses.replace(chain.elements[0].bounds, stiffness_n_per_m=0.0, damping_n_s_per_m=0.0)
-        constants = Chain.of(SUBJECT)._element(effect, effect.effect).constants
+        plain = Chain.of(SUBJECT)
+        constants = plain._element(effect, effect.effect, plain.mass_kg).constants
         none = dataclasses.replace(chain.elements[0], constants=constants, bounds=bounds)
         assert np.array_equal(answer(dataclasses.replace(chain, elements=(none,)), seat), base)
 
@@ -485,6 +486,29 @@ def test_only_values_near_an_end_of_their_range_are_on_a_bound() -> None:
     assert not on_bound("strength", 0.0, 0.01) and not on_bound("strength", 0.0, 0.0)
     assert on_bound("strength", -10.0, -9.99) and not on_bound("strength", -10.0, 0.0)
     assert not any(on_bound("nuisance", 0.0, value) for value in (0.0, 0.01, 5.0, 9.99, 10.0))
+
+
+@pytest.mark.parametrize("hung", [applied("viscera", "lower_torso", mass_kg=12.0), applied("added_mass", "head")])
+def test_no_body_lifts_off_in_less_than_free_fall(hung: AppliedEffect) -> None:
+    """The seat falls ever faster, up to 0.9 g; what hangs on the body weighs on the seat too."""
+    time_s = np.arange(round(1.2 * RATE_HZ)) / RATE_HZ
+    seat = -0.9 * 9.80665 * np.clip(time_s / 0.8, 0.0, 1.0)
+    bound, free = (
+        Chain.of(with_effects(hung, *more)).simulate(seat, RATE_HZ).displacement_m[:, 0]
+        for more in ((), (applied("lift_off"),))
+    )
+    assert np.abs(free).max() < 1.05 * np.abs(bound).max() < 0.01
+
+
+def test_softening_by_a_fast_motion_is_stable() -> None:
+    """Where the rate of softening would exceed what a step of the integration allows."""
+    fast = applied("thixotropy", "head", rate_mps=0.002, exponent=2.5, tau_s=0.5)
+    time_s = np.arange(round(0.5 * RATE_HZ)) / RATE_HZ
+    seat = np.where(time_s < 0.04, 30.0 * np.sin(2.0 * np.pi * 25.0 * time_s), 0.0)
+    chain = Chain.of(with_effects(fast))
+    found = chain.simulate(seat, RATE_HZ).accel_mps2
+    many = Stepper(chain, RATE_HZ, 20).push(seat)
+    assert np.abs(found - many).max() < 0.01 * np.abs(many).max()
 
 
 # --- files ------------------------------------------------------------------------------------------------------------

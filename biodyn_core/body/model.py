@@ -123,13 +123,19 @@ class Chain:
 
     def with_effects(self, effects: Iterable[AppliedEffect]) -> Chain:
         """The same chain with effects; effects of zero strength are left out."""
-        more = [self._element(applied, effect) for applied, effect in active(effects, ChainEffect)]
+        found = list(active(effects, ChainEffect))
+        carried_kg = self.mass_kg.copy()
+        for applied, effect in found:
+            if applied.site != SEAT:
+                carried_kg[SEGMENTS.index(applied.site)] += effect.carried_kg(applied.values)
+        more = [self._element(applied, effect, carried_kg) for applied, effect in found]
         return dataclasses.replace(self, elements=(*self.elements, *more)) if more else self
 
-    def _element(self, applied: AppliedEffect, effect: ChainEffect) -> Element:
+    def _element(self, applied: AppliedEffect, effect: ChainEffect, carried_kg: Floats) -> Element:
+        """carried_kg (6,): masses of the segments with all that effects hang on them."""
         everywhere = applied.site == SEAT
         index = 0 if everywhere else SEGMENTS.index(applied.site)
-        joint = self._whole() if everywhere else self._joint(index)
+        joint = self._whole() if everywhere else self._joint(index, carried_kg)
         return Element(
             effect,
             index,
@@ -141,13 +147,13 @@ class Chain:
             spread=tuple((self.inertia_kg / self.inertia_kg.sum()).tolist()) if everywhere else (),
         )
 
-    def _joint(self, index: int) -> Joint:
-        """A joint with the segment above it."""
+    def _joint(self, index: int, carried_kg: Floats) -> Joint:
+        """A joint with the segment above it, and with all masses (6,) from there up."""
         return Joint(
             stiffness_n_per_m=float(self.stiffness_n_per_m[index]),
             stiffening_n_per_m2=float(self.stiffness_n_per_m[index] * self.stiffening_per_m[index]),
             damping_n_s_per_m=float(self.damping_n_s_per_m[index]),
-            mass_above_kg=float(self.mass_kg[index:].sum()),
+            mass_above_kg=float(carried_kg[index:].sum()),
             segment_mass_kg=float(self.mass_kg[index]),
         )
 

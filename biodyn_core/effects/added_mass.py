@@ -29,6 +29,7 @@ EFFECT = SegmentForce(
     sites=("upper_torso", "head"),
     constants=MASS.constants,
     law=force,
+    carried_kg=MASS.carried_kg,
     max_added_stiffness_damping=MASS.max_added_stiffness_damping,
     max_own_eigenvalue_per_s=MASS.max_own_eigenvalue_per_s,
     states=2,

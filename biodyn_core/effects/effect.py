@@ -125,6 +125,10 @@ class Joint:
     segment_mass_kg: float
 
 
+def _no_mass(values: Values) -> float:
+    return 0.0
+
+
 def _no_stiffness_damping(joint: Joint, values: Values) -> tuple[float, float]:
     return 0.0, 0.0
 
@@ -220,11 +224,12 @@ class ChainEffect(Effect):
     """An effect inside the chain, integrated with it; each subclass defines the arguments of its law.
 
     law: a function of scalars that uses `math` and builtins alone; its last arguments are the constants. constants:
-    these numbers, from the joint and the values of the parameters.
+    these numbers, from the joint and the values of the parameters. carried_kg: the mass that it hangs on the chain.
     """
 
     law: Callable[..., Any]
     constants: Callable[[Joint, Values], tuple[float, ...]]
+    carried_kg: Callable[[Values], float] = _no_mass
 
     @property
     def states(self) -> int:

@@ -1,4 +1,9 @@
-"""Lift-off: the seat carries no tension."""
+"""Lift-off: the seat carries no tension.
+
+Known limits. Under `cascade` the joint carries the inertia of a body three times as heavy, and W is the weight of the
+body: it lifts off from a third of 1 g on. With a `cushion` the foam is pulled by the force before the limit, so it
+rises too far while the body is in the air.
+"""
 
 from __future__ import annotations
 

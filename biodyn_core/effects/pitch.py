@@ -1,4 +1,8 @@
-"""Pitch: the seat rotates, and the pelvis is at a distance from the seat's sensor."""
+"""Pitch: the seat rotates, and the pelvis is at a distance from the seat's sensor.
+
+x is forward, y left, z up. l is how far the sensor is in front of the pelvis; l' and l_z are how far the pelvis is left
+of the sensor and above it.
+"""
 
 from __future__ import annotations
 

@@ -41,6 +41,10 @@ class SprungMass:
         bend = values["exponent"], 1.0 / BEND_M
         return mass * omega**2, mass * decay, omega**2, decay, *bend, held, held * HELD_DAMPING_S
 
+    def carried_kg(self, values: Values) -> float:
+        """The mass itself: the chain carries its weight."""
+        return values["mass_kg"]
+
     def max_added_stiffness_damping(self, joint: Joint, values: Values) -> tuple[float, float]:
         """Stiffness and damping of the spring and the damper."""
         stiffness, damping, *_ = self.constants(joint, values)

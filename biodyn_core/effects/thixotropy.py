@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from biodyn_core.effects.effect import EffectParameter, Joint, JointForce, Values
 
+FASTEST_PER_S = 1000.0
+"""Upper limit of the rate of softening: the joint is soft within a millisecond of fast motion."""
+
 
 def force(
     stretch: float,
@@ -15,18 +18,23 @@ def force(
     rate_mps: float,
     exponent: float,
     tau_s: float,
+    fastest: float,
 ) -> tuple[float, float]:
-    """F = -beta s (k stretch + d b rate) with s' = ((|rate| / v_t)^p (1 - s) - s) / tau."""
+    """F = -beta s (k stretch + d b rate) with s' = ((|rate| / v_t)^p (1 - s) - s) / tau.
+
+    s approaches 1 at 1000 / s at most: faster, the integration would be unstable.
+    """
     moving = abs(rate) / rate_mps
     if exponent != 1.0:
         moving = moving**exponent
-    return -softened * (k_beta * stretch + b_beta * rate), (moving * (1.0 - softened) - softened) / tau_s
+    softening = min(moving / tau_s, fastest) * (1.0 - softened)
+    return -softened * (k_beta * stretch + b_beta * rate), softening - softened / tau_s
 
 
 def _constants(joint: Joint, values: Values) -> tuple[float, ...]:
     k_beta = joint.stiffness_n_per_m * values["softening"]
     b_beta = joint.damping_n_s_per_m * values["softening"] * values["damping_share"]
-    return k_beta, b_beta, values["rate_mps"], values["exponent"], values["tau_s"]
+    return k_beta, b_beta, values["rate_mps"], values["exponent"], values["tau_s"], FASTEST_PER_S
 
 
 EFFECT = JointForce(
