@@ -10,13 +10,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.serialization import serialize_message
 from ros import Graph
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
+from std_msgs.msg import Float64, String
 
 from biodyn_core.base.errors import InputError
 from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.bag.cdr import IMU_TYPE, decode_imu, encode_imu
+from biodyn_ros.play.outputs import is_output
 from biodyn_ros.play.playback import Lap, played_on
 from biodyn_ros.play.player import SETTLING_S, Player
 from biodyn_ros.play.player_settings import PlayerSettings
@@ -210,3 +215,78 @@ def test_subscribers_have_a_moment_before_the_first_message_and_behind_the_last(
         began_s = time.monotonic()
         waits()
         assert time.monotonic() - began_s >= SETTLING_S
+
+
+RECORDED = {
+    "/biodyn/snapshot": String(data="{}"),
+    "/car/biodyn_2/marks": String(data="mark 1"),
+    "/biodyn/exposure/rolling/seat/vdv": Float64(data=1.0),
+    "/diagnostics": DiagnosticArray(),
+    "/clock": Clock(clock=Time(sec=7)),
+}
+"""A message of some outputs of a live node, of which one has another name, and of the clock."""
+
+OTHERS = {"/cabin/note": String(data="rain"), "/cabin/snapshot": Float64(data=2.0), "/cabin/diagnostics": String()}
+"""Topics of other nodes; the name or the type differs from that of every output."""
+
+
+@pytest.fixture
+def whole_bag(bag: Path, tmp_path: Path) -> Path:
+    """The sensors of `bag`, and a message of every other topic, as `ros2 bag record -a` records beside a live node."""
+    path = tmp_path / "whole.mcap"
+    with open_bag(bag) as reader, BagWriter(path) as writer:
+        for topic in ("imu/seat/data", "imu/head/data"):
+            writer.add_topic(topic, IMU_TYPE)
+        for block in reader.blocks():
+            writer.write(
+                block.topic, block.log_ns, np.stack([np.frombuffer(one, np.uint8) for one in block.messages()])
+            )
+        for topic, message in (RECORDED | OTHERS).items():
+            package = type(message).__module__.partition(".")[0]
+            writer.add_topic(topic, f"{package}/msg/{type(message).__name__}")
+            writer.write(topic, np.array([START_NS]), np.frombuffer(serialize_message(message), np.uint8)[None])
+    return path
+
+
+def test_recorded_outputs_of_a_live_node_are_not_played_as_those_of_the_present(
+    graph: Graph, whole_bag: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    others = graph.node("others")
+    got = {
+        topic: graph.collect(others, type(message), topic)
+        for topic, message in (RECORDED | OTHERS).items()
+        if topic != "/clock"
+    }
+    _, clock, played = play(graph, whole_bag, clock=True)
+    graph.wait(lambda: all(got[topic] for topic in OTHERS), "topics of other nodes")
+    assert {topic for topic, messages in got.items() if messages} == set(OTHERS)
+    assert set(played.messages) == {"imu/seat/data", "imu/head/data", *OTHERS}
+    assert all(message.clock.sec > 7 for message in clock)
+    (line,) = [line for line in capfd.readouterr().err.splitlines() if "not played" in line]
+    assert line.endswith(
+        f"{', '.join(RECORDED)}: not played: the live node and the player publish these topics themselves"
+    )
+
+
+def test_a_recorded_clock_is_played_unless_the_player_publishes_one(graph: Graph, whole_bag: Path) -> None:
+    for clock in (False, True):
+        settings = PlayerSettings(clock=clock, wait_s=0.0)
+        player = graph.add(Player(whole_bag, settings, context=graph.context))
+        assert ("/clock" in player.wait_for_subscribers()) == (not clock)
+
+
+def test_a_bag_of_outputs_only_is_refused(graph: Graph, whole_bag: Path, tmp_path: Path) -> None:
+    with open_bag(whole_bag) as reader, BagWriter(tmp_path / "outputs.mcap") as writer:
+        writer.add_topic("/biodyn/snapshot", "std_msgs/msg/String")
+        for block in reader.blocks(["/biodyn/snapshot"]):
+            writer.write(block.topic, block.log_ns, np.frombuffer(block.messages()[0], np.uint8)[None])
+    with pytest.raises(InputError, match=r"outputs\.mcap: no topic of the bag can be played"):
+        Player(tmp_path / "outputs.mcap", context=graph.context)
+
+
+def test_every_topic_that_the_live_node_publishes_is_known_as_its_output(graph: Graph) -> None:
+    node = graph.active(("-r", "__ns:=/car", "-r", "__node:=second"), state_file="none")
+    published = dict(node.get_publisher_names_and_types_by_node("second", "/car"))
+    of_ros = {"/rosout", "/parameter_events", "/car/second/transition_event"}
+    assert len(published) > 40
+    assert {name for name, (kind,) in published.items() if not is_output(name, kind)} == of_ros

@@ -28,6 +28,8 @@ from biodyn_ros.bag import BagReader, open_bag
 from biodyn_ros.bag.cdr import IMU_TYPE, restamp, shift_stamp, stamp_of
 from biodyn_ros.base.progress import OnProgress, ignore_progress
 from biodyn_ros.base.shutdown import Shutdown
+from biodyn_ros.base.wording import listed
+from biodyn_ros.play.outputs import CLOCK, recorded_outputs
 from biodyn_ros.play.playback import Lap, Played, in_order, played_on
 from biodyn_ros.play.player_settings import PlayerSettings
 
@@ -60,31 +62,18 @@ class Player(Node):
         self.bag = Path(bag)
         self._by_log = time == "log"
         with open_bag(bag) as reader:
-            self._names = played_on(reader, mapping or {})
-            types = {topic.name: topic.type for topic in reader.topics if topic.name in self._names}
-            replaced = [topic.name for topic in reader.topics if topic.messages and topic.name not in self._names]
+            types = self._choose_topics(reader, mapping or {})
             for warning in reader.warnings:
                 self.get_logger().warning(warning)
-        if not types:
-            raise InputError(f"{bag}: the bag is empty: nothing to play")
-        for name in replaced:
-            self.get_logger().warning(f"{name}: not played: another topic is mapped to its sensor")
-        qos = QoSProfile(
-            history=HistoryPolicy.KEEP_LAST, depth=self.settings.depth, reliability=ReliabilityPolicy.RELIABLE
-        )
-        self._outputs = {
-            name: self.create_publisher(cls, self._names[name], qos)
-            for name, cls in ((name, message_class(kind)) for name, kind in types.items())
-            if cls is not None
-        }
+        self._outputs = self._create_outputs(types)
+        if not self._outputs:
+            raise InputError(f"{bag}: no topic of the bag can be played")
         self._sent = dict.fromkeys(self._outputs, 0)
         self._began_s: float | None = None
         self._next_clock_ns = 0
         self._lap = Lap(frozenset(name for name, kind in types.items() if kind == IMU_TYPE))
         self._stamped = {name for name, output in self._outputs.items() if _has_header(output.msg_type)}
-        for name in types.keys() - self._outputs.keys():
-            self.get_logger().warning(f"{name}: not played: no Python class for {types[name]} is installed")
-        self._clock_output = self.create_publisher(Clock, "/clock", 10) if self.settings.clock else None
+        self._clock_output = self.create_publisher(Clock, CLOCK, 10) if self.settings.clock else None
 
     def wait_for_subscribers(self) -> list[str]:
         """Wait, `wait_s` at most, until every topic has a subscriber; return the topics without one."""
@@ -133,6 +122,34 @@ class Player(Node):
                     f"{self._names[name]}: not all messages acknowledged within {ACKNOWLEDGE_TIMEOUT_S:g} s"
                 )
         time.sleep(SETTLING_S)
+
+    def _choose_topics(self, reader: BagReader, mapping: dict[str, str]) -> dict[str, str]:
+        """Choose the topics to play, and return their types; raises InputError for an empty bag."""
+        types = {topic.name: topic.type for topic in reader.topics if topic.messages}
+        if not types:
+            raise InputError(f"{self.bag}: the bag is empty: nothing to play")
+        left_out = recorded_outputs(reader, self.settings.clock)
+        self._names = played_on(reader, mapping, left_out)
+        if left_out:
+            text = "not played: the live node and the player publish these topics themselves"
+            self.get_logger().warning(f"{listed(left_out)}: {text}")
+        for name in types.keys() - self._names.keys() - set(left_out):
+            self.get_logger().warning(f"{name}: not played: another topic is mapped to its sensor")
+        return {name: types[name] for name in self._names}
+
+    def _create_outputs(self, types: dict[str, str]) -> dict[str, Any]:
+        """The publisher of each topic of the bag; a topic that cannot be published gives a warning."""
+        qos = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST, depth=self.settings.depth, reliability=ReliabilityPolicy.RELIABLE
+        )
+        outputs = {}
+        for name, kind in types.items():
+            cls = message_class(kind)
+            if cls is None:
+                self.get_logger().warning(f"{name}: not played: no Python class for {kind} is installed")
+            else:
+                outputs[name] = self.create_publisher(cls, self._names[name], qos)
+        return outputs
 
     def _play_once(self, reader: BagReader, running: Callable[[], bool], past_ns: int, rebase_ns: int) -> None:
         """Publish the bag once; past_ns: the length of all earlier laps."""
