@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import itertools
+import json
+import os
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -12,6 +16,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
+from mcap.reader import make_reader
 from rclpy.serialization import serialize_message
 from ros import Graph
 from rosgraph_msgs.msg import Clock
@@ -35,7 +40,7 @@ STEP_NS = 1_000_000
 def bag(tmp_path: Path) -> Path:
     """Two topics at 1 kHz, 0.3 s, with an x acceleration that counts, and a y that is 1 on the second."""
     path = tmp_path / "bag.mcap"
-    with BagWriter(path) as writer:
+    with BagWriter(path, chunk_bytes=1 << 16) as writer:
         for which, topic in enumerate(("imu/seat/data", "imu/head/data")):
             writer.add_topic(topic, IMU_TYPE)
             stamps = START_NS + np.arange(COUNT) * STEP_NS
@@ -290,3 +295,50 @@ def test_every_topic_that_the_live_node_publishes_is_known_as_its_output(graph: 
     of_ros = {"/rosout", "/parameter_events", "/car/second/transition_event"}
     assert len(published) > 40
     assert {name for name, (kind,) in published.items() if not is_output(name, kind)} == of_ros
+
+
+@pytest.fixture
+def damaged_bag(bag: Path) -> Path:
+    """The bag, of which some bytes of one chunk are inverted; its summary is whole."""
+    with bag.open("rb") as stream:
+        chunks = make_reader(stream).get_summary().chunk_indexes
+    data = bytearray(bag.read_bytes())
+    assert len(chunks) > 2
+    begin = chunks[-1].chunk_start_offset + 100
+    data[begin : begin + 100] = bytes(255 - byte for byte in data[begin : begin + 100])
+    bag.write_bytes(data)
+    return bag
+
+
+def test_a_chunk_found_damaged_while_playing_is_reported_once(
+    graph: Graph, damaged_bag: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with open_bag(damaged_bag) as reader:
+        assert reader.warnings == [], "opening reads no chunk"
+    settings = PlayerSettings(wait_s=0.0, loop=True, rate=100.0)
+    player = graph.add(Player(damaged_bag, settings, context=graph.context))
+    end_s = time.monotonic() + 2.0
+    played = player.play(lambda: time.monotonic() < end_s)
+    sent = set(played.messages.values())
+    assert min(sent) > COUNT, "more than one lap"
+    (line,) = played.warnings
+    assert "is damaged and omitted" in line
+    assert capfd.readouterr().err.count("is damaged and omitted") == 1
+
+
+def test_the_command_reports_what_it_omits_with_its_result(graph: Graph, damaged_bag: Path) -> None:
+    words = ("play", str(damaged_bag), "--wait-s", "0", "--json")
+    done = subprocess.run(
+        [sys.executable, "-m", "biodyn_ros.commands.cli", *words],
+        env=os.environ | {"ROS_DOMAIN_ID": str(graph.context.get_domain_id())},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert 0 < sum(result["messages"].values()) < 2 * COUNT
+    (line,) = result["warnings"]
+    assert line.startswith(f"{damaged_bag}: the chunk at byte ")
+    assert line in done.stderr

@@ -25,10 +25,11 @@ INTERVALS: Final = 1000
 
 @dataclass(frozen=True)
 class Played:
-    """Messages sent by topic, and the time taken."""
+    """Messages sent by topic, the time taken, and warnings about parts of the bag that were not played."""
 
     messages: dict[str, int]
     seconds: float
+    warnings: tuple[str, ...] = ()
 
 
 class Lap:

@@ -61,10 +61,10 @@ class Player(Node):
         self.settings = settings or PlayerSettings()
         self.bag = Path(bag)
         self._by_log = time == "log"
+        self._warnings: list[str] = []
         with open_bag(bag) as reader:
+            self._warn(*reader.warnings)
             types = self._choose_topics(reader, mapping or {})
-            for warning in reader.warnings:
-                self.get_logger().warning(warning)
         self._outputs = self._create_outputs(types)
         if not self._outputs:
             raise InputError(f"{bag}: no topic of the bag can be played")
@@ -98,7 +98,10 @@ class Player(Node):
                 if self.settings.keep_stamps:
                     self._next_clock_ns = 0  # the clock jumps back with the stamps
                 moved_ns = 0 if self.settings.keep_stamps else past_ns
-                self._play_once(reader, running, past_ns, rebase_ns + moved_ns)
+                try:
+                    self._play_once(reader, running, past_ns, rebase_ns + moved_ns)
+                finally:
+                    self._warn(*reader.warnings)  # a damaged chunk is found when it is read
             if not self.settings.loop or not running() or not any(self._sent.values()):
                 break
             past_ns += self._lap.length_ns()
@@ -107,7 +110,7 @@ class Player(Node):
     def played(self) -> Played:
         """The messages published so far, also after an interruption."""
         seconds = 0.0 if self._began_s is None else time.monotonic() - self._began_s
-        return Played({self._names[name]: count for name, count in self._sent.items()}, seconds)
+        return Played({self._names[name]: count for name, count in self._sent.items()}, seconds, tuple(self._warnings))
 
     def flush(self) -> None:
         """Wait until reliable subscribers have acknowledged all messages, and briefly for others; warn on a timeout."""
@@ -123,6 +126,13 @@ class Player(Node):
                 )
         time.sleep(SETTLING_S)
 
+    def _warn(self, *texts: str) -> None:
+        """Log warnings about the bag, each once; `played` returns them."""
+        for text in texts:
+            if text not in self._warnings:
+                self._warnings.append(text)
+                self.get_logger().warning(text)
+
     def _choose_topics(self, reader: BagReader, mapping: dict[str, str]) -> dict[str, str]:
         """Choose the topics to play, and return their types; raises InputError for an empty bag."""
         types = {topic.name: topic.type for topic in reader.topics if topic.messages}
@@ -132,9 +142,9 @@ class Player(Node):
         self._names = played_on(reader, mapping, left_out)
         if left_out:
             text = "not played: the live node and the player publish these topics themselves"
-            self.get_logger().warning(f"{listed(left_out)}: {text}")
+            self._warn(f"{listed(left_out)}: {text}")
         for name in types.keys() - self._names.keys() - set(left_out):
-            self.get_logger().warning(f"{name}: not played: another topic is mapped to its sensor")
+            self._warn(f"{name}: not played: another topic is mapped to its sensor")
         return {name: types[name] for name in self._names}
 
     def _create_outputs(self, types: dict[str, str]) -> dict[str, Any]:
@@ -146,7 +156,7 @@ class Player(Node):
         for name, kind in types.items():
             cls = message_class(kind)
             if cls is None:
-                self.get_logger().warning(f"{name}: not played: no Python class for {kind} is installed")
+                self._warn(f"{name}: not played: no Python class for {kind} is installed")
             else:
                 outputs[name] = self.create_publisher(cls, self._names[name], qos)
         return outputs
