@@ -222,6 +222,37 @@ def test_subscribers_have_a_moment_before_the_first_message_and_behind_the_last(
         assert time.monotonic() - began_s >= SETTLING_S
 
 
+@pytest.fixture
+def unset_bag(tmp_path: Path) -> Path:
+    """As `bag`; the driver of the seat sets no stamps, that of the head sets one stamp on all messages."""
+    path = tmp_path / "unset.mcap"
+    with BagWriter(path) as writer:
+        for topic, stamp_ns in (("imu/seat/data", 0), ("imu/head/data", START_NS)):
+            writer.add_topic(topic, IMU_TYPE)
+            stamps, zeros = np.full(COUNT, stamp_ns), np.zeros((COUNT, 3))
+            writer.write(topic, START_NS + np.arange(COUNT) * STEP_NS, encode_imu(stamps, zeros, zeros, "imu"))
+    return path
+
+
+def test_the_time_of_the_recorder_replaces_stamps_that_no_driver_set(graph: Graph, unset_bag: Path) -> None:
+    before = time.time_ns()
+    got, _, played = play(graph, unset_bag)
+    for block in got.values():
+        np.testing.assert_array_equal(np.diff(block.stamps_ns), STEP_NS)
+        assert before <= block.stamps_ns[0] <= time.time_ns()
+    assert played.warnings == (
+        "imu/seat/data: header stamps are zero: log time is used instead",
+        "imu/head/data: header stamps do not change: log time is used instead",
+    )
+
+
+def test_with_keep_stamps_a_zero_stamp_stays_zero(graph: Graph, unset_bag: Path) -> None:
+    got, _, played = play(graph, unset_bag, keep_stamps=True)
+    assert not got["imu/seat/data"].stamps_ns.any()
+    assert set(got["imu/head/data"].stamps_ns.tolist()) == {START_NS}
+    assert played.warnings == ()
+
+
 RECORDED = {
     "/biodyn/snapshot": String(data="{}"),
     "/car/biodyn_2/marks": String(data="mark 1"),

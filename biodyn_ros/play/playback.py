@@ -25,7 +25,7 @@ INTERVALS: Final = 1000
 
 @dataclass(frozen=True)
 class Played:
-    """Messages sent by topic, the time taken, and warnings about parts of the bag that were not played."""
+    """Messages sent by topic, the time taken, and warnings about the bag."""
 
     messages: dict[str, int]
     seconds: float

@@ -32,6 +32,7 @@ from biodyn_ros.base.wording import listed
 from biodyn_ros.play.outputs import CLOCK, recorded_outputs
 from biodyn_ros.play.playback import Lap, Played, in_order, played_on
 from biodyn_ros.play.player_settings import PlayerSettings
+from biodyn_ros.reading.stamps import SensorClock, choose_times, clock_warnings
 
 CLOCK_STEP_NS: Final = 10_000_000
 PROGRESS_STEP_NS: Final = 100_000_000
@@ -45,6 +46,7 @@ class Player(Node):
 
     `progress` is called with (milliseconds played, total milliseconds) ten times per second of the bag, unless it
     loops. mapping: the bag's topic by sensor, if not found by name; time: "header" or "log", the stamps to publish.
+    With "header", an Imu topic whose header stamps are zero or do not change is published with log times.
     """
 
     def __init__(
@@ -60,11 +62,11 @@ class Player(Node):
         self._progress = ignore_progress if settings and settings.loop else progress
         self.settings = settings or PlayerSettings()
         self.bag = Path(bag)
-        self._by_log = time == "log"
         self._warnings: list[str] = []
         with open_bag(bag) as reader:
             self._warn(*reader.warnings)
             types = self._choose_topics(reader, mapping or {})
+            self._by_log = self._choose_by_log(reader, types, time)
         self._outputs = self._create_outputs(types)
         if not self._outputs:
             raise InputError(f"{bag}: no topic of the bag can be played")
@@ -147,6 +149,17 @@ class Player(Node):
             self._warn(f"{name}: not played: another topic is mapped to its sensor")
         return {name: types[name] for name in self._names}
 
+    def _choose_by_log(self, reader: BagReader, types: dict[str, str], time: str) -> set[str]:
+        """The topics whose stamps are the recorder's times: all with time "log", else those whose driver sets none."""
+        if time == "log":
+            return set(types)
+        if self.settings.keep_stamps:
+            return set()  # the user wants the recorded stamps, also those that are zero
+        imus = [name for name, kind in types.items() if kind == IMU_TYPE]
+        choices = choose_times(reader, imus, time)
+        self._warn(*clock_warnings({name: SensorClock(choice, None) for name, choice in choices.items()}, 0.0))
+        return {name for name, choice in choices.items() if choice.time == "log"}
+
     def _create_outputs(self, types: dict[str, str]) -> dict[str, Any]:
         """The publisher of each topic of the bag; a topic that cannot be published gives a warning."""
         qos = QoSProfile(
@@ -187,12 +200,12 @@ class Player(Node):
 
     def _stamp_ns(self, name: str, message: bytes, log_ns: int) -> int:
         """The stamp to publish, before it is shifted."""
-        return log_ns if self._by_log or name not in self._stamped else stamp_of(message)
+        return log_ns if name in self._by_log or name not in self._stamped else stamp_of(message)
 
     def _stamp(self, name: str, message: bytes, log_ns: int, rebase_ns: int) -> bytes:
         if name not in self._stamped:
             return message
-        if self._by_log:
+        if name in self._by_log:
             return restamp(message, log_ns + rebase_ns)
         return shift_stamp(message, rebase_ns) if rebase_ns else message
 

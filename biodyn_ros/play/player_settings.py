@@ -16,7 +16,7 @@ class PlayerSettings:
     depth: int = setting(2000, "queue of every publisher, in messages", "", 1, 10_000_000)
     loop: bool = setting(False, "restart at the end, one period after the last sample")
     clock: bool = setting(False, "publish /clock, in place of a recorded one")
-    keep_stamps: bool = setting(False, "leave the header stamps as recorded")
+    keep_stamps: bool = setting(False, "leave the header stamps as recorded, also zero stamps")
 
     def __post_init__(self) -> None:
         check_settings(self)
