@@ -17,6 +17,7 @@ import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from rclpy.serialization import serialize_message
 from ros import Graph
 from rosgraph_msgs.msg import Clock
@@ -373,3 +374,40 @@ def test_the_command_reports_what_it_omits_with_its_result(graph: Graph, damaged
     (line,) = result["warnings"]
     assert line.startswith(f"{damaged_bag}: the chunk at byte ")
     assert line in done.stderr
+
+
+@pytest.fixture
+def odd_bag(bag: Path, tmp_path: Path) -> Path:
+    """The sensors of `bag`, topics with names that MCAP allows and ROS does not, and channels of unusable types."""
+    path = tmp_path / "odd.mcap"
+    with open_bag(bag) as reader, path.open("wb") as stream:
+        blocks = list(reader.blocks())
+        writer = Writer(stream)
+        writer.start("ros2", "test")
+        imu = writer.register_schema(IMU_TYPE, "ros2msg", b"")
+        names = {block.topic: block.topic for block in blocks} | dict.fromkeys(REFUSED, "imu/seat/data")
+        for topic, source in names.items():
+            channel = writer.register_channel(topic, "cdr", imu)
+            for block in blocks:
+                for log_ns, message in zip(block.log_ns.tolist(), block.messages(), strict=True):
+                    if block.topic == source:
+                        writer.add_message(channel, log_ns, message, log_ns)
+        for topic, kind in UNUSABLE.items():
+            schema = writer.register_schema(kind, "ros2msg", b"") if kind else 0
+            writer.add_message(writer.register_channel(topic, "cdr", schema), START_NS, bytes(12), START_NS)
+        writer.finish()
+    return path
+
+
+REFUSED = ("/imu-1/head/data", "//head", "/1st", "/{unknown}/data", "/ends/", "/" + 300 * "long")
+"""Names of topics that ROS refuses."""
+
+UNUSABLE = {"/no_type": "", "/no_package": ".msg/msg/Imu", "/one_word": "Imu", "/os": "os/msg/path", "/srv": "a/srv/b"}
+"""Topics whose types are no message types, or are not installed."""
+
+
+def test_a_topic_that_cannot_be_published_does_not_stop_the_others(graph: Graph, odd_bag: Path) -> None:
+    _, _, played = play(graph, odd_bag)
+    assert played.messages == {"imu/seat/data": COUNT, "imu/head/data": COUNT}
+    assert [line.partition(": not played: ")[0] for line in played.warnings] == [*REFUSED, *UNUSABLE]
+    assert all("\n" not in line for line in played.warnings)

@@ -9,6 +9,7 @@ yet received are lost when the publisher is destroyed.
 from __future__ import annotations
 
 import importlib
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +19,7 @@ import rclpy
 from builtin_interfaces.msg import Time
 from rclpy.clock import ROSClock
 from rclpy.duration import Duration
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
@@ -169,9 +171,14 @@ class Player(Node):
         for name, kind in types.items():
             cls = message_class(kind)
             if cls is None:
-                self._warn(f"{name}: not played: no Python class for {kind} is installed")
-            else:
+                why = f"no Python class for {kind} is installed" if kind else "the bag does not state its type"
+                self._warn(f"{name}: not played: {why}")
+                continue
+            try:
                 outputs[name] = self.create_publisher(cls, self._names[name], qos)
+            except (InvalidTopicNameException, ValueError) as error:  # ValueError: an unknown {substitution}
+                why = str(error).splitlines()[0].removeprefix("Invalid topic name: ").rstrip(":")
+                self._warn(f"{name}: not played: ROS refuses its name: {why}")
         return outputs
 
     def _play_once(self, reader: BagReader, running: Callable[[], bool], past_ns: int, rebase_ns: int) -> None:
@@ -216,10 +223,12 @@ class Player(Node):
 
 
 def message_class(kind: str) -> Any:
-    """The Python class of a message type such as sensor_msgs/msg/Imu, None if its package is not installed."""
-    package, _, name = kind.replace("/msg/", "/").partition("/")
+    """The Python class of a message type such as sensor_msgs/msg/Imu, None if there is none or for another form."""
+    form = re.fullmatch(r"(\w+)/msg/([A-Z]\w*)", kind)
+    if form is None:
+        return None
     try:
-        return getattr(importlib.import_module(f"{package}.msg"), name)
+        return getattr(importlib.import_module(f"{form[1]}.msg"), form[2])
     except (ImportError, AttributeError):
         return None
 
