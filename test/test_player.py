@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import itertools
+import json
+import os
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -10,13 +14,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from rclpy.serialization import serialize_message
 from ros import Graph
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
+from std_msgs.msg import Float64, String
 
 from biodyn_core.base.errors import InputError
 from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.bag.cdr import IMU_TYPE, decode_imu, encode_imu
+from biodyn_ros.play.outputs import is_output
 from biodyn_ros.play.playback import Lap, played_on
 from biodyn_ros.play.player import SETTLING_S, Player
 from biodyn_ros.play.player_settings import PlayerSettings
@@ -30,7 +41,7 @@ STEP_NS = 1_000_000
 def bag(tmp_path: Path) -> Path:
     """Two topics at 1 kHz, 0.3 s, with an x acceleration that counts, and a y that is 1 on the second."""
     path = tmp_path / "bag.mcap"
-    with BagWriter(path) as writer:
+    with BagWriter(path, chunk_bytes=1 << 16) as writer:
         for which, topic in enumerate(("imu/seat/data", "imu/head/data")):
             writer.add_topic(topic, IMU_TYPE)
             stamps = START_NS + np.arange(COUNT) * STEP_NS
@@ -210,3 +221,193 @@ def test_subscribers_have_a_moment_before_the_first_message_and_behind_the_last(
         began_s = time.monotonic()
         waits()
         assert time.monotonic() - began_s >= SETTLING_S
+
+
+@pytest.fixture
+def unset_bag(tmp_path: Path) -> Path:
+    """As `bag`; the driver of the seat sets no stamps, that of the head sets one stamp on all messages."""
+    path = tmp_path / "unset.mcap"
+    with BagWriter(path) as writer:
+        for topic, stamp_ns in (("imu/seat/data", 0), ("imu/head/data", START_NS)):
+            writer.add_topic(topic, IMU_TYPE)
+            stamps, zeros = np.full(COUNT, stamp_ns), np.zeros((COUNT, 3))
+            writer.write(topic, START_NS + np.arange(COUNT) * STEP_NS, encode_imu(stamps, zeros, zeros, "imu"))
+    return path
+
+
+def test_the_time_of_the_recorder_replaces_stamps_that_no_driver_set(graph: Graph, unset_bag: Path) -> None:
+    before = time.time_ns()
+    got, _, played = play(graph, unset_bag)
+    for block in got.values():
+        np.testing.assert_array_equal(np.diff(block.stamps_ns), STEP_NS)
+        assert before <= block.stamps_ns[0] <= time.time_ns()
+    assert played.warnings == (
+        "imu/seat/data: header stamps are zero: log time is used instead",
+        "imu/head/data: header stamps do not change: log time is used instead",
+    )
+
+
+def test_with_keep_stamps_a_zero_stamp_stays_zero(graph: Graph, unset_bag: Path) -> None:
+    got, _, played = play(graph, unset_bag, keep_stamps=True)
+    assert not got["imu/seat/data"].stamps_ns.any()
+    assert set(got["imu/head/data"].stamps_ns.tolist()) == {START_NS}
+    assert played.warnings == ()
+
+
+RECORDED = {
+    "/biodyn/snapshot": String(data="{}"),
+    "/car/biodyn_2/marks": String(data="mark 1"),
+    "/biodyn/exposure/rolling/seat/vdv": Float64(data=1.0),
+    "/diagnostics": DiagnosticArray(),
+    "/clock": Clock(clock=Time(sec=7)),
+}
+"""A message of some outputs of a live node, of which one has another name, and of the clock."""
+
+OTHERS = {"/cabin/note": String(data="rain"), "/cabin/snapshot": Float64(data=2.0), "/cabin/diagnostics": String()}
+"""Topics of other nodes; the name or the type differs from that of every output."""
+
+
+@pytest.fixture
+def whole_bag(bag: Path, tmp_path: Path) -> Path:
+    """The sensors of `bag`, and a message of every other topic, as `ros2 bag record -a` records beside a live node."""
+    path = tmp_path / "whole.mcap"
+    with open_bag(bag) as reader, BagWriter(path) as writer:
+        for topic in ("imu/seat/data", "imu/head/data"):
+            writer.add_topic(topic, IMU_TYPE)
+        for block in reader.blocks():
+            writer.write(
+                block.topic, block.log_ns, np.stack([np.frombuffer(one, np.uint8) for one in block.messages()])
+            )
+        for topic, message in (RECORDED | OTHERS).items():
+            package = type(message).__module__.partition(".")[0]
+            writer.add_topic(topic, f"{package}/msg/{type(message).__name__}")
+            writer.write(topic, np.array([START_NS]), np.frombuffer(serialize_message(message), np.uint8)[None])
+    return path
+
+
+def test_recorded_outputs_of_a_live_node_are_not_played_as_those_of_the_present(
+    graph: Graph, whole_bag: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    others = graph.node("others")
+    got = {
+        topic: graph.collect(others, type(message), topic)
+        for topic, message in (RECORDED | OTHERS).items()
+        if topic != "/clock"
+    }
+    _, clock, played = play(graph, whole_bag, clock=True)
+    graph.wait(lambda: all(got[topic] for topic in OTHERS), "topics of other nodes")
+    assert {topic for topic, messages in got.items() if messages} == set(OTHERS)
+    assert set(played.messages) == {"imu/seat/data", "imu/head/data", *OTHERS}
+    assert all(message.clock.sec > 7 for message in clock)
+    (line,) = [line for line in capfd.readouterr().err.splitlines() if "not played" in line]
+    assert line.endswith(
+        f"{', '.join(RECORDED)}: not played: the live node and the player publish these topics themselves"
+    )
+
+
+def test_a_recorded_clock_is_played_unless_the_player_publishes_one(graph: Graph, whole_bag: Path) -> None:
+    for clock in (False, True):
+        settings = PlayerSettings(clock=clock, wait_s=0.0)
+        player = graph.add(Player(whole_bag, settings, context=graph.context))
+        assert ("/clock" in player.wait_for_subscribers()) == (not clock)
+
+
+def test_a_bag_of_outputs_only_is_refused(graph: Graph, whole_bag: Path, tmp_path: Path) -> None:
+    with open_bag(whole_bag) as reader, BagWriter(tmp_path / "outputs.mcap") as writer:
+        writer.add_topic("/biodyn/snapshot", "std_msgs/msg/String")
+        for block in reader.blocks(["/biodyn/snapshot"]):
+            writer.write(block.topic, block.log_ns, np.frombuffer(block.messages()[0], np.uint8)[None])
+    with pytest.raises(InputError, match=r"outputs\.mcap: no topic of the bag can be played"):
+        Player(tmp_path / "outputs.mcap", context=graph.context)
+
+
+def test_every_topic_that_the_live_node_publishes_is_known_as_its_output(graph: Graph) -> None:
+    node = graph.active(("-r", "__ns:=/car", "-r", "__node:=second"), state_file="none")
+    published = dict(node.get_publisher_names_and_types_by_node("second", "/car"))
+    of_ros = {"/rosout", "/parameter_events", "/car/second/transition_event"}
+    assert len(published) > 40
+    assert {name for name, (kind,) in published.items() if not is_output(name, kind)} == of_ros
+
+
+@pytest.fixture
+def damaged_bag(bag: Path) -> Path:
+    """The bag, of which some bytes of one chunk are inverted; its summary is whole."""
+    with bag.open("rb") as stream:
+        chunks = make_reader(stream).get_summary().chunk_indexes
+    data = bytearray(bag.read_bytes())
+    assert len(chunks) > 2
+    begin = chunks[-1].chunk_start_offset + 100
+    data[begin : begin + 100] = bytes(255 - byte for byte in data[begin : begin + 100])
+    bag.write_bytes(data)
+    return bag
+
+
+def test_a_chunk_found_damaged_while_playing_is_reported_once(
+    graph: Graph, damaged_bag: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with open_bag(damaged_bag) as reader:
+        assert reader.warnings == [], "opening reads no chunk"
+    settings = PlayerSettings(wait_s=0.0, loop=True, rate=100.0)
+    player = graph.add(Player(damaged_bag, settings, context=graph.context))
+    end_s = time.monotonic() + 2.0
+    played = player.play(lambda: time.monotonic() < end_s)
+    sent = set(played.messages.values())
+    assert min(sent) > COUNT, "more than one lap"
+    (line,) = played.warnings
+    assert "is damaged and omitted" in line
+    assert capfd.readouterr().err.count("is damaged and omitted") == 1
+
+
+def test_the_command_reports_what_it_omits_with_its_result(graph: Graph, damaged_bag: Path) -> None:
+    words = ("play", str(damaged_bag), "--wait-s", "0", "--json")
+    done = subprocess.run(
+        [sys.executable, "-m", "biodyn_ros.commands.cli", *words],
+        env=os.environ | {"ROS_DOMAIN_ID": str(graph.context.get_domain_id())},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert 0 < sum(result["messages"].values()) < 2 * COUNT
+    (line,) = result["warnings"]
+    assert line.startswith(f"{damaged_bag}: the chunk at byte ")
+    assert line in done.stderr
+
+
+@pytest.fixture
+def odd_bag(bag: Path, tmp_path: Path) -> Path:
+    """The sensors of `bag`, topics with names that MCAP allows and ROS does not, and channels of unusable types."""
+    path = tmp_path / "odd.mcap"
+    with open_bag(bag) as reader, path.open("wb") as stream:
+        blocks = list(reader.blocks())
+        writer = Writer(stream)
+        writer.start("ros2", "test")
+        imu = writer.register_schema(IMU_TYPE, "ros2msg", b"")
+        names = {block.topic: block.topic for block in blocks} | dict.fromkeys(REFUSED, "imu/seat/data")
+        for topic, source in names.items():
+            channel = writer.register_channel(topic, "cdr", imu)
+            for block in blocks:
+                for log_ns, message in zip(block.log_ns.tolist(), block.messages(), strict=True):
+                    if block.topic == source:
+                        writer.add_message(channel, log_ns, message, log_ns)
+        for topic, kind in UNUSABLE.items():
+            schema = writer.register_schema(kind, "ros2msg", b"") if kind else 0
+            writer.add_message(writer.register_channel(topic, "cdr", schema), START_NS, bytes(12), START_NS)
+        writer.finish()
+    return path
+
+
+REFUSED = ("/imu-1/head/data", "//head", "/1st", "/{unknown}/data", "/ends/", "/" + 300 * "long")
+"""Names of topics that ROS refuses."""
+
+UNUSABLE = {"/no_type": "", "/no_package": ".msg/msg/Imu", "/one_word": "Imu", "/os": "os/msg/path", "/srv": "a/srv/b"}
+"""Topics whose types are no message types, or are not installed."""
+
+
+def test_a_topic_that_cannot_be_published_does_not_stop_the_others(graph: Graph, odd_bag: Path) -> None:
+    _, _, played = play(graph, odd_bag)
+    assert played.messages == {"imu/seat/data": COUNT, "imu/head/data": COUNT}
+    assert [line.partition(": not played: ")[0] for line in played.warnings] == [*REFUSED, *UNUSABLE]
+    assert all("\n" not in line for line in played.warnings)

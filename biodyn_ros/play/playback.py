@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import sys
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 from statistics import median_low
@@ -25,10 +25,11 @@ INTERVALS: Final = 1000
 
 @dataclass(frozen=True)
 class Played:
-    """Messages sent by topic, and the time taken."""
+    """Messages sent by topic, the time taken, and warnings about the bag."""
 
     messages: dict[str, int]
     seconds: float
+    warnings: tuple[str, ...] = ()
 
 
 class Lap:
@@ -86,16 +87,16 @@ class _Track:
         return median_low([b - a for a, b in pairwise(self.stamps_ns)] or [0])
 
 
-def played_on(reader: BagReader, given: dict[str, str]) -> dict[str, str]:
+def played_on(reader: BagReader, given: dict[str, str], left_out: Collection[str] = ()) -> dict[str, str]:
     """Return {topic of the bag: output topic}: the same topic, or the input of the sensor that it is given as.
 
-    A given topic replaces a topic of the same output name, which is not played. Raises InputError for a given topic
-    that is not in the bag.
+    A given topic replaces a topic of the same output name, which is not played, nor are the topics left out. Raises
+    InputError for a given topic that is not in the bag.
     """
     check_given(reader, given)
     inputs = {topic: INPUT[sensor] for sensor, topic in given.items()}
     taken = set(inputs.values())
-    names = [topic.name for topic in reader.topics if topic.messages]
+    names = [topic.name for topic in reader.topics if topic.messages and topic.name not in left_out]
     return {name: inputs.get(name, name) for name in names if name in inputs or name.lstrip("/") not in taken}
 
 

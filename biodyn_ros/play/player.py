@@ -9,6 +9,7 @@ yet received are lost when the publisher is destroyed.
 from __future__ import annotations
 
 import importlib
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +19,7 @@ import rclpy
 from builtin_interfaces.msg import Time
 from rclpy.clock import ROSClock
 from rclpy.duration import Duration
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
@@ -28,8 +30,11 @@ from biodyn_ros.bag import BagReader, open_bag
 from biodyn_ros.bag.cdr import IMU_TYPE, restamp, shift_stamp, stamp_of
 from biodyn_ros.base.progress import OnProgress, ignore_progress
 from biodyn_ros.base.shutdown import Shutdown
+from biodyn_ros.base.wording import listed
+from biodyn_ros.play.outputs import CLOCK, recorded_outputs
 from biodyn_ros.play.playback import Lap, Played, in_order, played_on
 from biodyn_ros.play.player_settings import PlayerSettings
+from biodyn_ros.reading.stamps import SensorClock, choose_times, clock_warnings
 
 CLOCK_STEP_NS: Final = 10_000_000
 PROGRESS_STEP_NS: Final = 100_000_000
@@ -43,6 +48,7 @@ class Player(Node):
 
     `progress` is called with (milliseconds played, total milliseconds) ten times per second of the bag, unless it
     loops. mapping: the bag's topic by sensor, if not found by name; time: "header" or "log", the stamps to publish.
+    With "header", an Imu topic whose header stamps are zero or do not change is published with log times.
     """
 
     def __init__(
@@ -58,33 +64,20 @@ class Player(Node):
         self._progress = ignore_progress if settings and settings.loop else progress
         self.settings = settings or PlayerSettings()
         self.bag = Path(bag)
-        self._by_log = time == "log"
+        self._warnings: list[str] = []
         with open_bag(bag) as reader:
-            self._names = played_on(reader, mapping or {})
-            types = {topic.name: topic.type for topic in reader.topics if topic.name in self._names}
-            replaced = [topic.name for topic in reader.topics if topic.messages and topic.name not in self._names]
-            for warning in reader.warnings:
-                self.get_logger().warning(warning)
-        if not types:
-            raise InputError(f"{bag}: the bag is empty: nothing to play")
-        for name in replaced:
-            self.get_logger().warning(f"{name}: not played: another topic is mapped to its sensor")
-        qos = QoSProfile(
-            history=HistoryPolicy.KEEP_LAST, depth=self.settings.depth, reliability=ReliabilityPolicy.RELIABLE
-        )
-        self._outputs = {
-            name: self.create_publisher(cls, self._names[name], qos)
-            for name, cls in ((name, message_class(kind)) for name, kind in types.items())
-            if cls is not None
-        }
+            self._warn(*reader.warnings)
+            types = self._choose_topics(reader, mapping or {})
+            self._by_log = self._choose_by_log(reader, types, time)
+        self._outputs = self._create_outputs(types)
+        if not self._outputs:
+            raise InputError(f"{bag}: no topic of the bag can be played")
         self._sent = dict.fromkeys(self._outputs, 0)
         self._began_s: float | None = None
         self._next_clock_ns = 0
         self._lap = Lap(frozenset(name for name, kind in types.items() if kind == IMU_TYPE))
         self._stamped = {name for name, output in self._outputs.items() if _has_header(output.msg_type)}
-        for name in types.keys() - self._outputs.keys():
-            self.get_logger().warning(f"{name}: not played: no Python class for {types[name]} is installed")
-        self._clock_output = self.create_publisher(Clock, "/clock", 10) if self.settings.clock else None
+        self._clock_output = self.create_publisher(Clock, CLOCK, 10) if self.settings.clock else None
 
     def wait_for_subscribers(self) -> list[str]:
         """Wait, `wait_s` at most, until every topic has a subscriber; return the topics without one."""
@@ -109,7 +102,10 @@ class Player(Node):
                 if self.settings.keep_stamps:
                     self._next_clock_ns = 0  # the clock jumps back with the stamps
                 moved_ns = 0 if self.settings.keep_stamps else past_ns
-                self._play_once(reader, running, past_ns, rebase_ns + moved_ns)
+                try:
+                    self._play_once(reader, running, past_ns, rebase_ns + moved_ns)
+                finally:
+                    self._warn(*reader.warnings)  # a damaged chunk is found when it is read
             if not self.settings.loop or not running() or not any(self._sent.values()):
                 break
             past_ns += self._lap.length_ns()
@@ -118,7 +114,7 @@ class Player(Node):
     def played(self) -> Played:
         """The messages published so far, also after an interruption."""
         seconds = 0.0 if self._began_s is None else time.monotonic() - self._began_s
-        return Played({self._names[name]: count for name, count in self._sent.items()}, seconds)
+        return Played({self._names[name]: count for name, count in self._sent.items()}, seconds, tuple(self._warnings))
 
     def flush(self) -> None:
         """Wait until reliable subscribers have acknowledged all messages, and briefly for others; warn on a timeout."""
@@ -133,6 +129,57 @@ class Player(Node):
                     f"{self._names[name]}: not all messages acknowledged within {ACKNOWLEDGE_TIMEOUT_S:g} s"
                 )
         time.sleep(SETTLING_S)
+
+    def _warn(self, *texts: str) -> None:
+        """Log warnings about the bag, each once; `played` returns them."""
+        for text in texts:
+            if text not in self._warnings:
+                self._warnings.append(text)
+                self.get_logger().warning(text)
+
+    def _choose_topics(self, reader: BagReader, mapping: dict[str, str]) -> dict[str, str]:
+        """Choose the topics to play, and return their types; raises InputError for an empty bag."""
+        types = {topic.name: topic.type for topic in reader.topics if topic.messages}
+        if not types:
+            raise InputError(f"{self.bag}: the bag is empty: nothing to play")
+        left_out = recorded_outputs(reader, self.settings.clock)
+        self._names = played_on(reader, mapping, left_out)
+        if left_out:
+            text = "not played: the live node and the player publish these topics themselves"
+            self._warn(f"{listed(left_out)}: {text}")
+        for name in types.keys() - self._names.keys() - set(left_out):
+            self._warn(f"{name}: not played: another topic is mapped to its sensor")
+        return {name: types[name] for name in self._names}
+
+    def _choose_by_log(self, reader: BagReader, types: dict[str, str], time: str) -> set[str]:
+        """The topics whose stamps are the recorder's times: all with time "log", else those whose driver sets none."""
+        if time == "log":
+            return set(types)
+        if self.settings.keep_stamps:
+            return set()  # the user wants the recorded stamps, also those that are zero
+        imus = [name for name, kind in types.items() if kind == IMU_TYPE]
+        choices = choose_times(reader, imus, time)
+        self._warn(*clock_warnings({name: SensorClock(choice, None) for name, choice in choices.items()}, 0.0))
+        return {name for name, choice in choices.items() if choice.time == "log"}
+
+    def _create_outputs(self, types: dict[str, str]) -> dict[str, Any]:
+        """The publisher of each topic of the bag; a topic that cannot be published gives a warning."""
+        qos = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST, depth=self.settings.depth, reliability=ReliabilityPolicy.RELIABLE
+        )
+        outputs = {}
+        for name, kind in types.items():
+            cls = message_class(kind)
+            if cls is None:
+                why = f"no Python class for {kind} is installed" if kind else "the bag does not state its type"
+                self._warn(f"{name}: not played: {why}")
+                continue
+            try:
+                outputs[name] = self.create_publisher(cls, self._names[name], qos)
+            except (InvalidTopicNameException, ValueError) as error:  # ValueError: an unknown {substitution}
+                why = str(error).splitlines()[0].removeprefix("Invalid topic name: ").rstrip(":")
+                self._warn(f"{name}: not played: ROS refuses its name: {why}")
+        return outputs
 
     def _play_once(self, reader: BagReader, running: Callable[[], bool], past_ns: int, rebase_ns: int) -> None:
         """Publish the bag once; past_ns: the length of all earlier laps."""
@@ -160,12 +207,12 @@ class Player(Node):
 
     def _stamp_ns(self, name: str, message: bytes, log_ns: int) -> int:
         """The stamp to publish, before it is shifted."""
-        return log_ns if self._by_log or name not in self._stamped else stamp_of(message)
+        return log_ns if name in self._by_log or name not in self._stamped else stamp_of(message)
 
     def _stamp(self, name: str, message: bytes, log_ns: int, rebase_ns: int) -> bytes:
         if name not in self._stamped:
             return message
-        if self._by_log:
+        if name in self._by_log:
             return restamp(message, log_ns + rebase_ns)
         return shift_stamp(message, rebase_ns) if rebase_ns else message
 
@@ -176,10 +223,12 @@ class Player(Node):
 
 
 def message_class(kind: str) -> Any:
-    """The Python class of a message type such as sensor_msgs/msg/Imu, None if its package is not installed."""
-    package, _, name = kind.replace("/msg/", "/").partition("/")
+    """The Python class of a message type such as sensor_msgs/msg/Imu, None if there is none or for another form."""
+    form = re.fullmatch(r"(\w+)/msg/([A-Z]\w*)", kind)
+    if form is None:
+        return None
     try:
-        return getattr(importlib.import_module(f"{package}.msg"), name)
+        return getattr(importlib.import_module(f"{form[1]}.msg"), form[2])
     except (ImportError, AttributeError):
         return None
 

@@ -15,8 +15,8 @@ class PlayerSettings:
     wait_s: float = setting(10.0, "how long to wait for subscribers; 0: do not wait", "s", 0.0, 3600.0)
     depth: int = setting(2000, "queue of every publisher, in messages", "", 1, 10_000_000)
     loop: bool = setting(False, "restart at the end, one period after the last sample")
-    clock: bool = setting(False, "publish /clock")
-    keep_stamps: bool = setting(False, "leave the header stamps as recorded")
+    clock: bool = setting(False, "publish /clock, in place of a recorded one")
+    keep_stamps: bool = setting(False, "leave the header stamps as recorded, also zero stamps")
 
     def __post_init__(self) -> None:
         check_settings(self)
