@@ -19,6 +19,7 @@ from biodyn_core.conditioning.conditioner import Conditioner, SettingsOf, settin
 from biodyn_core.conditioning.gravity import IDLING_MPS2, Gravity, angle_deg
 from biodyn_core.conditioning.tilt import LEAST_GRAVITY_MPS2, Vector
 from biodyn_core.recording.flags import stretches
+from biodyn_core.recording.recording import WARM_UP_S
 from biodyn_core.sessions.cases import named
 from biodyn_core.sessions.digest import (
     COARSE_S,
@@ -129,7 +130,8 @@ class Session:
 
     def _event(self, window: Window, rests: Sequence[Rest]) -> Event:
         begin_s, end_s, fine, s = window.begin_s, window.end_s, self._seat.fine, self.settings
-        here = fine.extent(begin_s, end_s)
+        # Shocks in the warm-up of an event are none of its own.
+        here = fine.extent(begin_s + (WARM_UP_S if window.groups else 0.0), end_s)
         peaks = fine.maxima[here, 0]
         return Event(
             name="",
