@@ -299,6 +299,16 @@ def test_faults_of_sensors_are_stretches_and_in_the_quality_of_events() -> None:
     assert "neck: 3 samples clipped" in lines
 
 
+def test_no_sample_is_missing_after_the_end_of_the_recording() -> None:
+    """It ends within an interval of half a second; the head stops 0.3 s earlier, in the last event."""
+    up = with_shocks(shaken(40.28, 0.5), [38.6])
+    (stamps, samples), early = made(40.28, up), round(39.98 * SEAT_HZ)
+    found = found_in({"seat": (stamps, samples), "neck": (stamps, samples), "head": (stamps[:early], samples[:early])})
+    last = found.events[-1]
+    assert last.end_s == pytest.approx(40.28)
+    assert last.quality == (f"head: {100.0 * 0.3 / (40.28 - last.begin_s):.0f} % missing",)
+
+
 def test_a_seat_gap_ends_an_event() -> None:
     up = shaken(60.0, 0.8)
     stamps, samples = made(60.0, up)

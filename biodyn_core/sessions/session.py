@@ -93,7 +93,7 @@ class Session:
         fine = self._seat.fine
         found = find(self._seat.coarse, fine, self.settings)
         rests = tuple(self._rest(begin_s, end_s) for begin_s, end_s in found.rests)
-        seconds = float(fine.counts.size * fine.width_s)
+        seconds = self._seconds()
         drifts = dict(self._drifts(seconds))
         faults = tuple(fault for name in self._present() for fault in self._faults(name, seconds))
         count = np.maximum(fine.counts, 1.0)
@@ -113,6 +113,10 @@ class Session:
                 *found.left_out,
             ),
         )
+
+    def _seconds(self) -> float:
+        """The length of the session, by the seat."""
+        return self._seat.fine.counts.size * self._seat.fine.width_s
 
     def _present(self) -> list[str]:
         """The sensors with samples."""
@@ -149,10 +153,13 @@ class Session:
 
     def _quality(self, begin_s: float, end_s: float) -> Iterator[str]:
         """The faults of the present sensors between two times, a line each."""
+        # A sensor that stops early has fewer intervals than the seat.
+        here = self._seat.coarse.extent(begin_s, end_s)
+        # The recording may end within its last interval.
+        length_s = min(here.stop * COARSE_S, self._seconds()) - here.start * COARSE_S
         for name in self._present():
             digest = self._digests[name]
-            here = digest.coarse.extent(begin_s, end_s)
-            expected = self._expected(name) * (here.stop - here.start)
+            expected = self._expected(name) * length_s / COARSE_S
             missing = 1.0 - digest.coarse.counts[here].sum() / max(expected, 1.0)
             if missing > MISSING_SHARE:
                 yield f"{name}: {100.0 * missing:.0f} % missing"
