@@ -126,7 +126,10 @@ def test_channels_of_two_clocks_are_on_one_grid(reference_hz: float, own_hz: flo
 
 
 @pytest.mark.parametrize("seed", [0, 1, 7, 19])
-@pytest.mark.parametrize(("jitter_s", "lost"), [(0.002, (400,)), (0.002, (200, 300, 800)), (0.005, ())])
+@pytest.mark.parametrize(
+    ("jitter_s", "lost"),
+    [(0.002, (400,)), (0.002, (200, 300, 800)), (0.003, (600,)), (0.003, (200, 300, 800)), (0.005, ())],
+)
 def test_jittered_stamps_put_no_sample_in_the_place_of_another(
     jitter_s: float, lost: tuple[int, ...], seed: int
 ) -> None:

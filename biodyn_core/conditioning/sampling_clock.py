@@ -37,6 +37,20 @@ _NEIGHBOURS: Final = 15
 """Samples, at most one in twenty with a wrong number, whose median loss is that of the one in their middle."""
 
 
+_MOST_STEPS: Final = 50
+"""With more losses, a stretch of jittered stamps has no sure numbers."""
+
+_LEAST_GAIN: Final = 30.0
+"""Least gain of a step: without one, twice the logarithm of the number of samples, 14 of 1000, is usual."""
+
+_LEAST_HEIGHT: Final = 0.4
+"""Least height of the step of a loss, in periods: other losses, not yet found, tilt the line by up to half of it."""
+
+
+_WORST: Final = 7.0
+"""The largest of Gaussian jitter is less than this times the mean; stamps of late callbacks exceed it."""
+
+
 class Clock(NamedTuple):
     """A sensor's clock by its stamps, seconds: sampling period, fitted time of the last, mean and largest |jitter|."""
 
@@ -107,13 +121,61 @@ def number_samples(stamps_s: Floats) -> tuple[Clock, Floats]:
     Raises InputError as `fit_clock`.
     """
     clock, index = _fit(stamps_s)
-    if (np.diff(index) > 0.0).all():
+    if (np.diff(index) <= 0.0).any():
+        index = _in_sequence(index)
+        clock = _line(index, stamps_s)
+    if clock.jitter_s < _EVEN * clock.period_s:
         return clock, index
-    # A stamp with much jitter took the number of a neighbour: the samples around it tell how many were lost before.
-    order = np.arange(index.size)
-    lost = np.maximum.accumulate(ndimage.median_filter(index - order, size=_NEIGHBOURS, mode="reflect"))
-    index = order + lost - lost[0]
-    return _line(index, stamps_s), index
+    stepped = _by_steps(stamps_s)
+    return stepped if stepped and stepped[0].jitter_s < clock.jitter_s else (clock, index)
+
+
+def _in_sequence(index: Floats) -> Floats:
+    """Numbers (n,) of samples, ascending: a stamp with much jitter took the number of a neighbour.
+
+    The samples around it tell how many were lost before; no more than before any later one, as late stamps pretend.
+    """
+    order = np.arange(index.size, dtype=np.float64)
+    around = ndimage.median_filter(index - order, size=_NEIGHBOURS, mode="reflect")
+    lost = np.minimum.accumulate(around[::-1])[::-1]
+    return np.asarray(order + lost - lost[0])
+
+
+def _by_steps(stamps_s: Floats) -> tuple[Clock, Floats] | None:
+    """The clock and the samples' numbers (n,) of stamps with independent jitter, which hides a loss in its gap.
+
+    All stamps after a loss are late by a period. None where stamps depart from the clock in another way.
+    """
+    index = np.arange(stamps_s.size, dtype=np.float64)
+    for _ in range(_MOST_STEPS):
+        at, height, gain = _largest_step(index, stamps_s)
+        if gain < _LEAST_GAIN:
+            clock = _line(index, stamps_s)
+            independent = clock.worst_s < _WORST * clock.jitter_s and clock.jitter_s < 0.5 * clock.period_s
+            return (clock, index) if independent else None
+        if height < _LEAST_HEIGHT:
+            return None
+        index[at:] += 1.0
+    return None
+
+
+def _largest_step(index: Floats, stamps_s: Floats) -> tuple[int, float, float]:
+    """The step in the stamps that improves a line most: first sample after it, height in periods, and gain.
+
+    The gain is the decrease of the sum of squares, over the variance that is left.
+    """
+    k, t = index - index.mean(), stamps_s - stamps_s.mean()
+    spread = float(k @ k)
+    period_s = float(k @ t) / spread
+    off_s = t - period_s * k
+    after = np.arange(k.size - 1.0, 0.0, -1.0)
+    off_after_s, k_after = (np.cumsum(values[::-1])[::-1][1:] for values in (off_s, k))
+    # The part of a step (0 before, 1 after) that a line cannot follow, squared.
+    own = np.maximum(after - after**2 / k.size - k_after**2 / spread, 1e-3)
+    gains = np.where(off_after_s > 0.0, off_after_s**2 / own, 0.0)
+    best = int(gains.argmax())
+    left_s2 = max(float(off_s @ off_s) - float(gains[best]), 1e-30) / k.size
+    return best + 1, float(off_after_s[best] / own[best]) / period_s, float(gains[best]) / left_s2
 
 
 def _fit(stamps_s: Floats) -> tuple[Clock, Floats]:
