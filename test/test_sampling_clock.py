@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from ticks import COUNT, RATE_HZ, even_s, lost_at_random
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.conditioning.sampling_clock import fit_clock
+from biodyn_core.conditioning.sampling_clock import fit_clock, number_samples
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -60,6 +60,33 @@ def test_stamps_of_late_callbacks_are_no_losses(delay_ms, seed):
     delays_s = np.random.default_rng(seed).exponential(1e-3 * delay_ms, COUNT)
     clock = fit_clock(np.maximum.accumulate(even_s() + delays_s))
     assert clock.period_s == pytest.approx(1.0 / RATE_HZ, rel=1e-3 + 5e-3 * delay_ms)
+
+
+@pytest.mark.parametrize("jitter", [0.2, 0.3, 0.5])
+@pytest.mark.parametrize("lost", [(), (450,), (200, 300, 700), tuple(range(400, 420))])
+def test_samples_have_their_numbers_under_much_jitter(jitter, lost):
+    index = np.delete(np.arange(COUNT), lost)
+    stamps_s = np.sort((index + jitter * np.random.default_rng(1).standard_normal(index.size)) / RATE_HZ)
+    clock, found = number_samples(stamps_s)
+    assert found[0] == 0.0 and (np.diff(found) > 0.0).all()
+    assert (found != index).sum() <= 15  # each loss is found to a few samples
+    assert clock.last_s == pytest.approx(index[-1] / RATE_HZ, abs=0.1 / RATE_HZ)
+
+
+@pytest.mark.parametrize("delay", [0.3, 3.0])
+def test_late_stamps_give_the_samples_no_other_numbers(delay):
+    """Delays in periods, and a stall of 20 samples."""
+    time_s = even_s() + np.random.default_rng(5).exponential(delay / RATE_HZ, COUNT)
+    time_s[300:320] = time_s[320]
+    assert np.array_equal(number_samples(np.maximum.accumulate(time_s))[1], np.arange(COUNT))
+
+
+@pytest.mark.parametrize("lost", [(), (600,)])
+def test_a_stall_under_much_jitter_is_no_loss(lost):
+    index = np.delete(np.arange(COUNT), lost)
+    time_s = (index + 0.2 * np.random.default_rng(1).standard_normal(index.size)) / RATE_HZ
+    time_s[300:320] = time_s[320]
+    assert (number_samples(np.maximum.accumulate(time_s))[1] != index).sum() <= 3
 
 
 @pytest.mark.parametrize("stamps_s", [[], [0.0], [0.0, 1.0]])

@@ -125,6 +125,26 @@ def test_channels_of_two_clocks_are_on_one_grid(reference_hz: float, own_hz: flo
     assert not pair.clipped().flags.any()
 
 
+@pytest.mark.parametrize("seed", [0, 1, 7, 19])
+@pytest.mark.parametrize(
+    ("jitter_s", "lost"),
+    [(0.002, (400,)), (0.002, (200, 300, 800)), (0.003, (600,)), (0.003, (200, 300, 800)), (0.005, ())],
+)
+def test_jittered_stamps_put_no_sample_in_the_place_of_another(
+    jitter_s: float, lost: tuple[int, ...], seed: int
+) -> None:
+    """The clock of 1250 samples is known to 0.2 ms: 1 % of a motion below 10 Hz; a lost sample is interpolated."""
+    even_s = np.arange(1250) / 100.0
+    moved = motion(1, most_hz=10.0)
+    late_s = jitter_s * np.random.default_rng(seed).standard_normal(even_s.size)
+    kept = np.delete(np.arange(even_s.size), lost)
+    jittered = Stream(np.sort((even_s + late_s)[kept]), moved(even_s[kept]), None)
+    pair = pair_of(jittered, jittered, Span(0.5, 12.0), 2, 100.0, gyro=False)
+    true = moved(0.5 + np.arange(pair.under_test.size) / 100.0)[:, 2]
+    inner = slice(20, -20)
+    assert (pair.under_test - true)[inner].std() < 0.025 * true.std()
+
+
 def test_clipping_of_raw_samples_survives_resampling() -> None:
     fast = stream(head, 1129.3, 8.0)
     limited = Stream(fast.stamps_s, np.minimum(fast.accel_mps2, 12.0), None)

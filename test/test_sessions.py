@@ -144,6 +144,34 @@ def test_a_shock_without_a_warm_up_is_left_out_with_its_reason() -> None:
     assert any("warm-up" in line for line in found.warnings)
 
 
+def test_only_the_shocks_in_the_warm_up_are_left_out() -> None:
+    """They are the largest; the later shocks of their group are an event, and the rest is steady."""
+    up = with_shocks(shaken(30.0, 0.5, begin_s=0.5), [2.6, 3.5, 4.4], peak_g=1.3)
+    found = found_in({"seat": made(30.0, with_shocks(up, [0.9, 1.7], peak_g=1.8))})
+    first, *others = found.events
+    assert (first.case, first.shocks[0].time_s) == ("rail", first.peak_s)
+    assert first.begin_s == 0.0 and first.end_s == pytest.approx(6.4, abs=PEAK_S)
+    assert min(abs(first.peak_s - at_s) for at_s in (2.6, 3.5, 4.4)) < PEAK_S
+    assert [(one.case, one.begin_s, one.end_s) for one in others] == [("road", first.end_s, pytest.approx(30.0))]
+    assert [line.partition(":")[0] for line in found.warnings if "warm-up" in line] == [
+        "2 shocks from 0.9 to 1.7 s are left out"
+    ]
+
+
+def test_a_shock_just_after_a_gap_is_in_no_steady_event() -> None:
+    """Its strike before the gap is of an event that the gap ends."""
+    stamps, samples = made(40.0, with_shocks(shaken(40.0, 0.5), [14.9, 15.4, 16.9]))
+    time_s = np.arange(len(stamps)) / SEAT_HZ
+    there = (time_s < 15.0) | (time_s > 15.2)
+    found = found_in({"seat": (stamps[there], samples[there])})
+    steady = [event for event in found.events if not event.shocks]
+    assert steady[-1].begin_s == pytest.approx(18.9, abs=PEAK_S)
+    assert all(event.peak_mps2 < 0.8 * G for event in steady)
+    (shocks,) = [event.shocks for event in found.events if event.shocks]
+    assert [shock.time_s for shock in shocks] == [pytest.approx(14.9, abs=PEAK_S)]
+    assert any(line.startswith("2 shocks from 15.4 to 16.9 s are left out: ") for line in found.warnings)
+
+
 def test_strikes_that_follow_each_other_are_a_train() -> None:
     up = with_shocks(shaken(40.0, 0.4), [20.0, 20.3, 20.6, 20.9])
     (event,) = [event for event in found_in({"seat": made(40.0, up)}).events if event.shocks]
@@ -269,6 +297,16 @@ def test_faults_of_sensors_are_stretches_and_in_the_quality_of_events() -> None:
     lines = [line for event in found.events for line in event.quality]
     assert {line.partition(":")[0] for line in lines} == {"head", "neck", "pelvis"}
     assert "neck: 3 samples clipped" in lines
+
+
+def test_no_sample_is_missing_after_the_end_of_the_recording() -> None:
+    """It ends within an interval of half a second; the head stops 0.3 s earlier, in the last event."""
+    up = with_shocks(shaken(40.28, 0.5), [38.6])
+    (stamps, samples), early = made(40.28, up), round(39.98 * SEAT_HZ)
+    found = found_in({"seat": (stamps, samples), "neck": (stamps, samples), "head": (stamps[:early], samples[:early])})
+    last = found.events[-1]
+    assert last.end_s == pytest.approx(40.28)
+    assert last.quality == (f"head: {100.0 * 0.3 / (40.28 - last.begin_s):.0f} % missing",)
 
 
 def test_a_seat_gap_ends_an_event() -> None:

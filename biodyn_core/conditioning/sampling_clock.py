@@ -6,6 +6,7 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy import ndimage
 
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
@@ -30,6 +31,24 @@ _MAX_SHARED: Final = 0.05
 
 _REGULAR: Final = 0.2
 """With n random losses, some stamp lies further than this times sqrt(n) periods from an even clock (by simulation)."""
+
+
+_NEIGHBOURS: Final = 15
+"""Samples, at most one in twenty with a wrong number, whose median loss is that of the one in their middle."""
+
+
+_MOST_STEPS: Final = 50
+"""With more losses, a stretch of jittered stamps has no sure numbers."""
+
+_LEAST_GAIN: Final = 30.0
+"""Least gain of a step: without one, twice the logarithm of the number of samples, 14 of 1000, is usual."""
+
+_LEAST_HEIGHT: Final = 0.4
+"""Least height of the step of a loss, in periods: other losses, not yet found, tilt the line by up to half of it."""
+
+
+_WORST: Final = 7.0
+"""The largest of Gaussian jitter is less than this times the mean; stamps of late callbacks exceed it."""
 
 
 class Clock(NamedTuple):
@@ -93,32 +112,103 @@ def fit_clock(stamps_s: Floats) -> Clock:
 
     Samples count as lost only in gaps larger than jitter; raises InputError below three stamps.
     """
+    return _fit(stamps_s)[0]
+
+
+def number_samples(stamps_s: Floats) -> tuple[Clock, Floats]:
+    """The clock of stamps (n,) in order, and the number (n,) of each sample on it, from 0 on, without lost samples.
+
+    Raises InputError as `fit_clock`.
+    """
+    clock, index = _fit(stamps_s)
+    if (np.diff(index) <= 0.0).any():
+        index = _in_sequence(index)
+        clock = _line(index, stamps_s)
+    if clock.jitter_s < _EVEN * clock.period_s:
+        return clock, index
+    stepped = _by_steps(stamps_s)
+    return stepped if stepped and stepped[0].jitter_s < clock.jitter_s else (clock, index)
+
+
+def _in_sequence(index: Floats) -> Floats:
+    """Numbers (n,) of samples, ascending: a stamp with much jitter took the number of a neighbour.
+
+    The samples around it tell how many were lost before; no more than before any later one, as late stamps pretend.
+    """
+    order = np.arange(index.size, dtype=np.float64)
+    around = ndimage.median_filter(index - order, size=_NEIGHBOURS, mode="reflect")
+    lost = np.minimum.accumulate(around[::-1])[::-1]
+    return np.asarray(order + lost - lost[0])
+
+
+def _by_steps(stamps_s: Floats) -> tuple[Clock, Floats] | None:
+    """The clock and the samples' numbers (n,) of stamps with independent jitter, which hides a loss in its gap.
+
+    All stamps after a loss are late by a period. None where stamps depart from the clock in another way.
+    """
+    index = np.arange(stamps_s.size, dtype=np.float64)
+    for _ in range(_MOST_STEPS):
+        at, height, gain = _largest_step(index, stamps_s)
+        if gain < _LEAST_GAIN:
+            clock = _line(index, stamps_s)
+            independent = clock.worst_s < _WORST * clock.jitter_s and clock.jitter_s < 0.5 * clock.period_s
+            return (clock, index) if independent else None
+        if height < _LEAST_HEIGHT:
+            return None
+        index[at:] += 1.0
+    return None
+
+
+def _largest_step(index: Floats, stamps_s: Floats) -> tuple[int, float, float]:
+    """The step in the stamps that improves a line most: first sample after it, height in periods, and gain.
+
+    The gain is the decrease of the sum of squares, over the variance that is left.
+    """
+    k, t = index - index.mean(), stamps_s - stamps_s.mean()
+    spread = float(k @ k)
+    period_s = float(k @ t) / spread
+    off_s = t - period_s * k
+    after = np.arange(k.size - 1.0, 0.0, -1.0)
+    off_after_s, k_after = (np.cumsum(values[::-1])[::-1][1:] for values in (off_s, k))
+    # The part of a step (0 before, 1 after) that a line cannot follow, squared.
+    own = np.maximum(after - after**2 / k.size - k_after**2 / spread, 1e-3)
+    gains = np.where(off_after_s > 0.0, off_after_s**2 / own, 0.0)
+    best = int(gains.argmax())
+    left_s2 = max(float(off_s @ off_s) - float(gains[best]), 1e-30) / k.size
+    return best + 1, float(off_after_s[best] / own[best]) / period_s, float(gains[best]) / left_s2
+
+
+def _fit(stamps_s: Floats) -> tuple[Clock, Floats]:
+    """The clock of `fit_clock`, and the number of each sample on it, which two samples may share."""
     if stamps_s.size < 3:
         raise InputError("fewer than three different samples: the rate is unknown")
-    even = _line(np.arange(stamps_s.size, dtype=np.float64), stamps_s)
+    order = np.arange(stamps_s.size, dtype=np.float64)
+    even = _line(order, stamps_s)
     if even.worst_s < _COMPLETE * even.period_s:
-        return even
-    clock, lost = _by_typical_step(stamps_s) or _by_spectrum(stamps_s, even.period_s) or _with_losses(stamps_s, even)
+        return even, order
+    clock, index = _by_typical_step(stamps_s) or _by_spectrum(stamps_s, even.period_s) or _with_losses(stamps_s, even)
+    lost = float(index[-1]) + 1.0 - index.size
     # Stamps closer to an even clock than with losses are complete: quantised, late, or in bursts.
     regular = even.worst_s < _REGULAR * math.sqrt(max(lost, 0.0)) * even.period_s
-    return even if regular or even.jitter_s < clock.jitter_s else clock
+    return (even, order) if regular or even.jitter_s < clock.jitter_s else (clock, index)
 
 
-def _by_typical_step(stamps_s: Floats) -> tuple[Clock, float] | None:
-    """The clock of stamps whose steps are whole multiples of the typical one, and the number of losses."""
+def _by_typical_step(stamps_s: Floats) -> tuple[Clock, Floats] | None:
+    """The clock of stamps whose steps are whole multiples of the typical one, and the samples' numbers."""
     gaps_s = np.diff(stamps_s)
     typical_s = float(np.median(gaps_s))
     if typical_s <= 0.0:
         return None
     periods = np.rint(gaps_s / typical_s)
-    clean = _line(np.concatenate([[0.0], np.cumsum(periods)]), stamps_s)
+    index = np.concatenate([[0.0], np.cumsum(periods)])
+    clean = _line(index, stamps_s)
     if periods.min() <= 0.0 or clean.jitter_s >= _EVEN * clean.period_s or periods.mean() >= 2.0:
         return None
-    return clean, float(periods.sum() - periods.size)
+    return clean, index
 
 
-def _by_spectrum(stamps_s: Floats, longest_period_s: float) -> tuple[Clock, float] | None:
-    """The clock of the strongest line in the stamps' spectrum, and the number of losses.
+def _by_spectrum(stamps_s: Floats, longest_period_s: float) -> tuple[Clock, Floats] | None:
+    """The clock of the strongest line in the stamps' spectrum, and the samples' numbers.
 
     Losses do not hide the line, jitter of a third of a period does. They only increase the mean step, by a quarter for
     one sample in five. None without a line, or where several samples would share a period.
@@ -145,11 +235,12 @@ def _by_spectrum(stamps_s: Floats, longest_period_s: float) -> tuple[Clock, floa
         index = np.rint((first - begin_s) / period_s)
     if (np.diff(index) <= 0.0).mean() > _MAX_SHARED:
         return None
-    return _line(index - index[0], stamps_s), float(index[-1] - index[0] + 1.0 - index.size)
+    index -= index[0]
+    return _line(index, stamps_s), index
 
 
-def _with_losses(stamps_s: Floats, clock: Clock) -> tuple[Clock, float]:
-    """The clock and the number of losses, starting from the clock without losses."""
+def _with_losses(stamps_s: Floats, clock: Clock) -> tuple[Clock, Floats]:
+    """The clock and the samples' numbers, starting from the clock without losses."""
     gaps_s = np.diff(stamps_s)
     typical_s = float(np.median(gaps_s))
     spread_s = 1.4826 * float(np.median(np.abs(gaps_s - typical_s)))
@@ -159,8 +250,9 @@ def _with_losses(stamps_s: Floats, clock: Clock) -> tuple[Clock, float]:
         lost = np.where(gaps_s > longest_s, np.maximum(np.rint(gaps_s / clock.period_s) - 1.0, 0.0), 0.0)
         if lost.sum() > 0.5 * stamps_s.size:
             lost[:] = 0.0  # no stream loses that much: it comes in bursts
-        clock = _line(np.concatenate([[0.0], np.cumsum(1.0 + lost)]), stamps_s)
-    return clock, float(lost.sum())
+        index = np.concatenate([[0.0], np.cumsum(1.0 + lost)])
+        clock = _line(index, stamps_s)
+    return clock, index
 
 
 def _line(index: Floats, stamps_s: Floats) -> Clock:

@@ -12,7 +12,7 @@ from scipy import interpolate, signal
 
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.errors import InputError
-from biodyn_core.conditioning.sampling_clock import fit_clock
+from biodyn_core.conditioning.sampling_clock import fit_clock, number_samples
 from biodyn_core.sensor_pairs.pairs import Clipping, Pair, clipping_of
 from biodyn_core.sensor_pairs.settings import StretchSettings
 
@@ -144,12 +144,7 @@ def _even(stream: Stream, span: Span, gyro: bool) -> tuple[Floats, Floats]:
     values = part.accel_mps2
     if gyro and part.gyro_radps is not None:
         values = np.column_stack([values, part.gyro_radps])
-    clock = fit_clock(part.stamps_s)
-    index = np.arange(part.stamps_s.size)
-    steps = round((part.stamps_s[-1] - part.stamps_s[0]) / clock.period_s)
-    if steps > index[-1]:  # samples are lost
-        index, first = np.unique(np.rint((part.stamps_s - part.stamps_s[0]) / clock.period_s), return_index=True)
-        values = values[first]
+    clock, index = number_samples(part.stamps_s)
     every = np.arange(int(index[-1]) + 1)
     filled = np.column_stack([np.interp(every, index, column) for column in values.T])
     return filled, clock.last_s - clock.period_s * (every[-1] - every)

@@ -15,7 +15,7 @@ from typing import Final, Literal
 import numpy as np
 from scipy import ndimage, signal
 
-from biodyn_core.base.arrays import Flags, Floats
+from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.recording.flags import stretches
 from biodyn_core.recording.recording import WARM_UP_S
@@ -69,7 +69,7 @@ class Window:
 
 @dataclass(frozen=True)
 class Found:
-    """What a seat shows: rests (begin, end), windows in order of time, and groups without a window, with the reason."""
+    """What a seat shows: rests (begin, end), windows in order of time, and shocks left out, with the reason."""
 
     rests: tuple[tuple[float, float], ...]
     windows: tuple[Window, ...]
@@ -80,14 +80,15 @@ def find(coarse: Bins, fine: Bins, settings: SessionSettings | None = None) -> F
     """Find rests, shocks and steady stretches."""
     s = settings or SessionSettings()
     resting = find_rests(coarse, s)
-    groups = find_groups(fine, s)
+    shocks_at = find_shocks(fine, s)
     windows: list[Window] = []
     left_out: list[str] = []
     for begin_s, end_s in _continuous(fine):
-        inside = [group for group in groups if begin_s <= group.peak_s < end_s]
-        shocks, lines = _shock_windows(inside, begin_s, end_s, s)
-        left_out += lines
-        windows += [*shocks, *_steady_windows(fine, [*resting, *_extents(shocks)], begin_s, end_s, s)]
+        early, groups = _groups(fine, shocks_at, begin_s, end_s, s)
+        shocks = _shock_windows(groups, begin_s, end_s, s)
+        taken = [*resting, *_extents(shocks), *((one.begin_s, one.end_s + s.tail_s) for one in early)]
+        windows += [*shocks, *_steady_windows(fine, taken, begin_s, end_s, s)]
+        left_out += [_early_line(early, begin_s)] if early else []
     return Found(tuple(resting), tuple(sorted(windows, key=lambda window: window.begin_s)), tuple(left_out))
 
 
@@ -122,16 +123,32 @@ def _with_one_mean(mean: Floats, first: int, last: int, drift_mps2: float) -> It
     yield begin, last
 
 
-def find_groups(fine: Bins, settings: SessionSettings) -> list[Group]:
-    """The groups of shocks, in order of time."""
-    s, width_s = settings, fine.width_s
-    peaks = fine.maxima[:, 0]
-    above = peaks >= np.maximum(s.shock_g * STANDARD_GRAVITY_MPS2, s.shock_crest * _level_mps2(fine, s.around_s))
-    at = np.flatnonzero(above)
-    if at.size == 0:
-        return []
-    parts = np.split(at, np.flatnonzero(np.diff(at) > s.apart_s / width_s) + 1)
-    return [_group(peaks, int(part[0]), int(part[-1]) + 1, width_s, s) for part in parts]
+def find_shocks(fine: Bins, settings: SessionSettings) -> Integers:
+    """The numbers of the intervals in which the seat has a shock, ascending."""
+    s = settings
+    level = np.maximum(s.shock_g * STANDARD_GRAVITY_MPS2, s.shock_crest * _level_mps2(fine, s.around_s))
+    return np.flatnonzero(fine.maxima[:, 0] >= level)
+
+
+def _groups(
+    fine: Bins, shocks_at: Integers, begin_s: float, end_s: float, s: SessionSettings
+) -> tuple[list[Group], list[Group]]:
+    """The shocks in the warm-up of a stretch of the seat, each alone, and the groups of the later ones."""
+    width_s = fine.width_s
+    inside = shocks_at[(shocks_at >= round(begin_s / width_s)) & (shocks_at < round(end_s / width_s))]
+    single = _apart(inside, s.strike_apart_s / width_s)
+    early = [part for part in single if part[0] * width_s - begin_s < WARM_UP_S]
+    later = _apart(inside[sum(part.size for part in early) :], s.apart_s / width_s)
+    first, second = (
+        [_group(fine.maxima[:, 0], int(part[0]), int(part[-1]) + 1, width_s, s) for part in parts]
+        for parts in (early, later)
+    )
+    return first, second
+
+
+def _apart(at: Integers, most: float) -> list[Integers]:
+    """Numbers (n,), ascending, divided where two neighbours differ by more."""
+    return np.split(at, np.flatnonzero(np.diff(at) > most) + 1) if at.size else []
 
 
 def level_of(fine: Bins, begin_s: float, end_s: float) -> float:
@@ -190,19 +207,19 @@ def _continuous(fine: Bins) -> Iterator[tuple[float, float]]:
         yield begin * fine.width_s, end * fine.width_s
 
 
-def _shock_windows(
-    groups: Sequence[Group], begin_s: float, end_s: float, s: SessionSettings
-) -> tuple[list[Window], list[str]]:
+def _early_line(early: Sequence[Group], begin_s: float) -> str:
+    """The shocks that are left out, with the reason."""
+    first, last = early[0], early[-1]
+    shocks = f"a shock at {first.peak_s:.1f} s is"
+    if len(early) > 1:
+        shocks = f"{len(early)} shocks from {first.peak_s:.1f} to {last.peak_s:.1f} s are"
+    return f"{shocks} left out: the seat's samples begin at {begin_s:.1f} s, and {WARM_UP_S:g} s of warm-up are needed"
+
+
+def _shock_windows(groups: Sequence[Group], begin_s: float, end_s: float, s: SessionSettings) -> list[Window]:
     """The windows around groups in a stretch of the seat; groups too near for tail and warm-up share one."""
     windows: list[Window] = []
-    left_out = []
     for group in groups:
-        if group.begin_s - begin_s < WARM_UP_S:
-            left_out.append(
-                f"a shock at {group.peak_s:.1f} s is {group.begin_s - begin_s:.1f} s after the seat's samples begin,"
-                f" {WARM_UP_S:g} s of warm-up are needed"
-            )
-            continue
         found = Window(max(begin_s, group.begin_s - s.lead_s), min(end_s, group.end_s + s.tail_s), (group,))
         last = windows[-1] if windows else None
         if last is None or last.end_s <= found.begin_s:
@@ -215,7 +232,7 @@ def _shock_windows(
             windows.append(dataclasses.replace(found, begin_s=cut_s))
         else:
             windows[-1] = dataclasses.replace(last, end_s=found.end_s, groups=(*last.groups, group))
-    return windows, left_out
+    return windows
 
 
 def _steady_windows(

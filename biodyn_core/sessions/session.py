@@ -19,6 +19,7 @@ from biodyn_core.conditioning.conditioner import Conditioner, SettingsOf, settin
 from biodyn_core.conditioning.gravity import IDLING_MPS2, Gravity, angle_deg
 from biodyn_core.conditioning.tilt import LEAST_GRAVITY_MPS2, Vector
 from biodyn_core.recording.flags import stretches
+from biodyn_core.recording.recording import WARM_UP_S
 from biodyn_core.sessions.cases import named
 from biodyn_core.sessions.digest import (
     COARSE_S,
@@ -92,7 +93,7 @@ class Session:
         fine = self._seat.fine
         found = find(self._seat.coarse, fine, self.settings)
         rests = tuple(self._rest(begin_s, end_s) for begin_s, end_s in found.rests)
-        seconds = float(fine.counts.size * fine.width_s)
+        seconds = self._seconds()
         drifts = dict(self._drifts(seconds))
         faults = tuple(fault for name in self._present() for fault in self._faults(name, seconds))
         count = np.maximum(fine.counts, 1.0)
@@ -113,6 +114,10 @@ class Session:
             ),
         )
 
+    def _seconds(self) -> float:
+        """The length of the session, by the seat."""
+        return self._seat.fine.counts.size * self._seat.fine.width_s
+
     def _present(self) -> list[str]:
         """The sensors with samples."""
         return [name for name, digest in self._digests.items() if digest.coarse.counts.any()]
@@ -129,7 +134,8 @@ class Session:
 
     def _event(self, window: Window, rests: Sequence[Rest]) -> Event:
         begin_s, end_s, fine, s = window.begin_s, window.end_s, self._seat.fine, self.settings
-        here = fine.extent(begin_s, end_s)
+        # Shocks in the warm-up of an event are none of its own.
+        here = fine.extent(begin_s + (WARM_UP_S if window.groups else 0.0), end_s)
         peaks = fine.maxima[here, 0]
         return Event(
             name="",
@@ -147,10 +153,13 @@ class Session:
 
     def _quality(self, begin_s: float, end_s: float) -> Iterator[str]:
         """The faults of the present sensors between two times, a line each."""
+        # A sensor that stops early has fewer intervals than the seat.
+        here = self._seat.coarse.extent(begin_s, end_s)
+        # The recording may end within its last interval.
+        length_s = min(here.stop * COARSE_S, self._seconds()) - here.start * COARSE_S
         for name in self._present():
             digest = self._digests[name]
-            here = digest.coarse.extent(begin_s, end_s)
-            expected = self._expected(name) * (here.stop - here.start)
+            expected = self._expected(name) * length_s / COARSE_S
             missing = 1.0 - digest.coarse.counts[here].sum() / max(expected, 1.0)
             if missing > MISSING_SHARE:
                 yield f"{name}: {100.0 * missing:.0f} % missing"
