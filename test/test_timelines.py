@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
+from histories import Sends, found
 from streams import RATE_HZ, noisy_streams, subject
 
 from biodyn_core.base.segments import SEAT, SENSORS
@@ -290,3 +291,31 @@ def test_delayed_samples_are_no_clock_set_back() -> None:
     for name in SENSORS:
         assert pipeline.status(name).set_back_s == 0.0
         assert pipeline.losses(name).missing_s == pytest.approx(35 / RATE_HZ, abs=0.003), name
+
+
+SOME = (SEAT, "head", "neck", "pelvis")
+
+
+@pytest.mark.parametrize("set_s", [3600.0, -50.0])
+def test_a_sensor_that_paused_alone_shows_the_next_one_that_its_clock_was_set(set_s: float) -> None:
+    """No other sensor ever decides the pause of the seat."""
+    sends = {SEAT: Sends(((0, 60), (70, 220))), "head": Sends(((0, 40), (200, 220)), ((150, set_s),))}
+    for seed in range(3):
+        one = found(sends, seed)
+        assert one[SEAT] == pytest.approx((10.0, 0.0), abs=1.0), seed
+        assert one["head"] == pytest.approx((160.0, set_s), abs=1.0), seed
+
+
+@pytest.mark.parametrize("ahead_s", [4.0, 10.0, -10.0])
+@pytest.mark.parametrize("drifts", [True, False])
+@pytest.mark.parametrize("sensor", [SEAT, "head"])
+def test_a_common_pause_is_missing_when_one_clock_leads_the_others(sensor: str, drifts: bool, ahead_s: float) -> None:
+    """A clock that leads from the start makes a sensor late too, in one order of arrival."""
+    sends = dict.fromkeys(SOME, Sends(((0, 100), (200, 230))))
+    drift_s = tuple((at, 0.01 * ahead_s) for at in range(100))
+    sends[sensor] = Sends(((0, 100), (200, 230)), *((drift_s, 0.0) if drifts else ((), ahead_s)))
+    late_s = 0.0 if drifts else abs(ahead_s)
+    for seed in range(3):
+        for name, one in found(sends, seed).items():
+            assert 97.0 < one.missing_s < 103.0 + late_s, (name, seed)
+            assert one.offset_s == 0.0, (name, seed)

@@ -98,9 +98,7 @@ class Timelines:
     def reset(self) -> None:
         """A sensor that joins later is late since this reset."""
         self._reset_s = self._front_s
-        self._undecided = {
-            name: leap for name, leap in self._undecided.items() if self._at_s[name] - leap.to_s <= 2.0 * self._near_s
-        }
+        self._undecided = self._recent()
 
     # --- figures -----------------------------------------------------------------------------------------------------
 
@@ -198,9 +196,18 @@ class Timelines:
         runs, at_s = self._conditioners[sensor].runs, self._at_s[sensor]
         leapt_s, counted_s = runs.leapt_s - self._leapt_s[sensor], runs.leap_gap_s - self._counted_s[sensor]
         self._leapt_s[sensor], self._counted_s[sensor] = runs.leapt_s, runs.leap_gap_s
-        others = [s for name, s in self._at_s.items() if name != sensor and name not in self._undecided]
-        silent_s = max(others, default=-math.inf) - self._behind_s[sensor] - (at_s - leapt_s)
-        return _Leap(leapt_s, counted_s, max(0.0, silent_s), at_s, dict(self._behind_s), {})
+        recent = self._recent()
+        others = [s for name, s in self._at_s.items() if name != sensor and name not in recent]
+        lags_s = dict(self._behind_s)
+        for before in reversed(recent.values()):  # the first leap changes the front, and with it all later lags
+            lags_s |= before.lags_s
+        silent_s = max(others, default=-math.inf) - lags_s[sensor] - (at_s - leapt_s)
+        return _Leap(leapt_s, counted_s, max(0.0, silent_s), at_s, lags_s, {})
+
+    def _recent(self) -> dict[str, _Leap]:
+        """The undecided leaps that other sensors may still decide, the oldest first; an older one is a pause."""
+        limit_s = 2.0 * self._near_s
+        return {name: leap for name, leap in self._undecided.items() if self._at_s[name] - leap.to_s <= limit_s}
 
     def _set(self, sensor: str, leap: _Leap) -> None:
         """Count a leap as a clock that was set: only its silence is missing."""
@@ -242,17 +249,24 @@ class Timelines:
     def _went_on(self, leap: _Leap) -> set[str]:
         """The other sensors that sent after a leap from instants before it, as if there was no pause."""
         limit_s = leap.to_s - self._near_s
-        return {name for name in leap.since_s if self._at_s[name] + leap.lags_s.get(name, 0.0) < limit_s}
+        return {name for name in leap.since_s if self._at_s[name] + leap.lags_s[name] < limit_s}
 
     def _decide(self, sensor: str, leap: _Leap, went_on: Collection[str]) -> None:
         """Decide a leap by the majority of the sensors that sent after it, where equal by the seat's side."""
         del self._undecided[sensor]
         paused = {sensor, *leap.since_s}.difference(went_on)
         if (len(went_on), SEAT in went_on) > (len(paused), SEAT in paused):
-            self._set(sensor, leap)
+            self._set(sensor, leap._replace(silent_s=self._silent_s(sensor, leap, went_on)))
             return
         for other in went_on:
             self._move(other, -leap.set_s)
+
+    def _silent_s(self, sensor: str, leap: _Leap, went_on: Collection[str]) -> float:
+        """How far the others went on since the last sample before a leap, also if their own leaps were undecided."""
+        others_s = max(self._at_s[other] + leap.lags_s[other] for other in went_on)
+        silent_s = others_s - (self._at_s[sensor] + leap.lags_s[sensor] - leap.leapt_s)
+        # A small difference is no silence: it is the order in which the newest samples arrived.
+        return silent_s if silent_s > leap.silent_s + self._near_s else leap.silent_s
 
     def _update_front(self) -> None:
         """The newest instant of all sensors; an undecided leap counts while no other sensor went on before it."""
