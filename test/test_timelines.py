@@ -319,3 +319,16 @@ def test_a_common_pause_is_missing_when_one_clock_leads_the_others(sensor: str, 
         for name, one in found(sends, seed).items():
             assert 97.0 < one.missing_s < 103.0 + late_s, (name, seed)
             assert one.offset_s == 0.0, (name, seed)
+
+
+@pytest.mark.parametrize("back_s", [50.0, 100.0, 150.0])
+@pytest.mark.parametrize("later_s", [-3.0, -1.5, 0.0, 1.5, 3.0])
+def test_a_common_pause_is_missing_for_a_clock_that_was_set_back_in_it(later_s: float, back_s: float) -> None:
+    """Set back by as much as the pause lasts: the clock stood still."""
+    sends = dict.fromkeys(SOME, Sends(((0, 30), (130, 160))))
+    sends["neck"] = Sends(((0, 30), (130 + later_s, 160)), ((80, -back_s),))
+    for seed in range(3):
+        one = found(sends, seed)
+        assert one["neck"] == pytest.approx((100.0 + later_s, -back_s), abs=1.5), seed
+        for name in (SEAT, "head", "pelvis"):
+            assert one[name].missing_s == pytest.approx(100.0, abs=3.5) and one[name].offset_s == 0.0, (name, seed)

@@ -238,13 +238,16 @@ class Timelines:
         """Take the newest sample of a sensor as a vote on undecided leaps; decide those with enough of them."""
         at_s = self._at_s[sensor]
         for name, leap in list(self._undecided.items()):
+            if name not in self._undecided:
+                continue  # decided with the one before
             if name != sensor:
                 leap.since_s.setdefault(sensor, at_s)
             went_on = self._went_on(leap)
             if sensor in went_on and at_s - leap.since_s[sensor] > VOTING_WAITS * self._wait_s:
                 self._decide(name, leap, went_on)
-            elif name == sensor and leap.since_s and at_s - leap.to_s > 2.0 * self._near_s:
-                del self._undecided[name]  # a pause: whoever went on would have decided the leap by now
+            elif name == sensor and leap.since_s and at_s - leap.to_s > (4.0 if went_on else 2.0) * self._near_s:
+                # A pause: whoever went on would have decided the leap by now, also one that returned a little later.
+                del self._undecided[name]
 
     def _went_on(self, leap: _Leap) -> set[str]:
         """The other sensors that sent after a leap from instants before it, as if there was no pause."""
@@ -258,8 +261,12 @@ class Timelines:
         if (len(went_on), SEAT in went_on) > (len(paused), SEAT in paused):
             self._set(sensor, leap._replace(silent_s=self._silent_s(sensor, leap, went_on)))
             return
-        for other in went_on:
-            self._move(other, -leap.set_s)
+        here_s = self._at_s[sensor] + leap.lags_s[sensor]
+        for other in went_on:  # its clock was set back within the pause, or stood still, so its own gap is too small
+            by_s = here_s - self._at_s[other] - leap.lags_s[other]
+            self._move(other, -by_s)
+            self._gap_s[other] += by_s
+            self._undecided.pop(other, None)
 
     def _silent_s(self, sensor: str, leap: _Leap, went_on: Collection[str]) -> float:
         """How far the others went on since the last sample before a leap, also if their own leaps were undecided."""
@@ -269,7 +276,7 @@ class Timelines:
         return silent_s if silent_s > leap.silent_s + self._near_s else leap.silent_s
 
     def _update_front(self) -> None:
-        """The newest instant of all sensors; an undecided leap counts while no other sensor went on before it."""
-        doubtful = {name for name, leap in self._undecided.items() if self._went_on(leap)}
+        """The newest instant of all sensors; a recent undecided leap counts while no other sensor went on before it."""
+        doubtful = {name for name, leap in self._recent().items() if self._went_on(leap)}
         self._front_s = max(s for name, s in self._at_s.items() if name not in doubtful)
         self._reset_s = min(self._reset_s, self._front_s)
