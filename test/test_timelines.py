@@ -332,3 +332,18 @@ def test_a_common_pause_is_missing_for_a_clock_that_was_set_back_in_it(later_s: 
         assert one["neck"] == pytest.approx((100.0 + later_s, -back_s), abs=1.5), seed
         for name in (SEAT, "head", "pelvis"):
             assert one[name].missing_s == pytest.approx(100.0, abs=3.5) and one[name].offset_s == 0.0, (name, seed)
+
+
+def test_a_reset_between_a_set_clock_and_the_next_block_of_others_hides_no_later_loss_of_theirs() -> None:
+    pipeline, streams = Pipeline(subject()), leapt(noisy_streams(SECONDS), ["head"], HOUR_NS, 4.0, 99.0)
+    streams = those(without(streams, [SEAT], 6.0, 7.0), "head", SEAT)[::-1]
+    is_reset = False
+    for at in range(0, len(streams[0].stamps_ns), BLOCK):
+        for one in streams:
+            part = slice(at, at + BLOCK)
+            pipeline.push(one.sensor, one.stamps_ns[part], one.accel_mps2[part])
+            if not is_reset and pipeline.timelines.silent_s(SEAT) > 3000.0:
+                pipeline.reset()
+                is_reset = True
+    lost = pipeline.losses(SEAT)
+    assert is_reset and lost.missing_s == pytest.approx(1.0, abs=0.02) and lost.lower_bound

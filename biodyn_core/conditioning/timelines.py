@@ -114,8 +114,14 @@ class Timelines:
         return self._gap_s[sensor]
 
     def undecided_s(self, sensor: str) -> float:
-        """The part of a sensor's gaps that is withdrawn if its last leap turns out to be a clock that was set, s."""
-        return max(0.0, self._undecided[sensor].counted_s) if sensor in self._undecided else 0.0
+        """The part of a sensor's missing time that is withdrawn if an undecided leap is a clock that was set, s.
+
+        It includes all silence, which may be the leap of another sensor.
+        """
+        if not self._undecided:
+            return 0.0
+        counted_s = self._undecided[sensor].counted_s if sensor in self._undecided else 0.0
+        return max(0.0, counted_s) + self.silent_s(sensor)
 
     def late_s(self, sensor: str, earlier_s: float = 0.0) -> float:
         """Delay of the first sample behind the first sensor or the last reset, s; 0 up to `wait_s`.

@@ -97,7 +97,10 @@ class ExposureCounter:
         return Losses(status.clipped, absent_s, status.filled_s, status.flat_s)
 
     def _certain_losses(self, sensor: str) -> Losses:
-        """The losses that stay: what is withdrawn after a reset would hide later losses by as much."""
+        """The losses that stay: what is withdrawn after a reset would hide later losses by as much.
+
+        A real silence during an undecided leap counts once more after the reset, which is on the safe side.
+        """
         losses = self._losses(sensor)
         return losses._replace(absent_s=max(0.0, losses.absent_s - self._timelines.undecided_s(sensor)))
 
