@@ -347,3 +347,11 @@ def test_a_reset_between_a_set_clock_and_the_next_block_of_others_hides_no_later
                 is_reset = True
     lost = pipeline.losses(SEAT)
     assert is_reset and lost.missing_s == pytest.approx(1.0, abs=0.02) and lost.lower_bound
+
+
+@pytest.mark.parametrize("behind_s", [30.0, 20.0])
+def test_a_sensor_that_joins_late_with_a_clock_behind_the_others_is_late(behind_s: float) -> None:
+    sends = dict.fromkeys((SEAT, "head"), Sends(((0, 50),)))
+    one = found(sends | {"neck": Sends(((30, 50),), (), -behind_s)})
+    assert one["neck"].missing_s == pytest.approx(30.0, abs=1.0)
+    assert one[SEAT].missing_s == one["head"].missing_s == 0.0

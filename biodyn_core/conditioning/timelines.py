@@ -177,8 +177,8 @@ class Timelines:
             lead_s = self._known_lead(newest_s - self._front_s)
         began_s = first_s - lead_s
         if newest_s - lead_s < self._front_s - self._near_s:
-            # Its clock is behind, or its samples came late: the others did not begin late.
-            began_s = max(began_s, min(self._began_s.values()))
+            # Its clock is behind, or its samples came late: the others did not begin late, and it began just now.
+            began_s = max(began_s, min(self._began_s.values()), self._front_s - (newest_s - first_s))
         self._lead_s[sensor], self._began_s[sensor] = lead_s, began_s
 
     def _leap(self, sensor: str) -> None:
