@@ -58,6 +58,12 @@ class Timelines:
     """`update` a sensor after each push; read how late it began, how long it is silent, and its clock's offset.
 
     wait_s: the longest lag of a sensor behind the others that is no silence.
+
+    Known limits. A sensor that alone falls silent, and whose clock stands still meanwhile or is set back by the same
+    time, returns without a leap, as if its samples were late: the silence is missing only while it lasts. A pause
+    that a clock set back follows within a few seconds is withdrawn for that sensor. Of two sensors, the seat's clock
+    is right: where it is set ahead, the time is missing for both, and where it is set back in a common pause, the
+    pause is too short for both.
     """
 
     def __init__(self, conditioners: Mapping[str, Conditioner], wait_s: float) -> None:
@@ -265,7 +271,7 @@ class Timelines:
         del self._undecided[sensor]
         paused = {sensor, *leap.since_s}.difference(went_on)
         if (len(went_on), SEAT in went_on) > (len(paused), SEAT in paused):
-            self._set(sensor, leap._replace(silent_s=self._silent_s(sensor, leap, went_on)))
+            self._set(sensor, leap._replace(silent_s=self._silence_before_s(sensor, leap, went_on)))
             return
         here_s = self._at_s[sensor] + leap.lags_s[sensor]
         for other in went_on:  # its clock was set back within the pause, or stood still, so its own gap is too small
@@ -274,7 +280,7 @@ class Timelines:
             self._gap_s[other] += by_s
             self._undecided.pop(other, None)
 
-    def _silent_s(self, sensor: str, leap: _Leap, went_on: Collection[str]) -> float:
+    def _silence_before_s(self, sensor: str, leap: _Leap, went_on: Collection[str]) -> float:
         """How far the others went on since the last sample before a leap, also if their own leaps were undecided."""
         others_s = max(self._at_s[other] + leap.lags_s[other] for other in went_on)
         silent_s = others_s - (self._at_s[sensor] + leap.lags_s[sensor] - leap.leapt_s)
