@@ -311,6 +311,29 @@ def test_a_sensor_that_the_run_before_lacked_has_missed_it_and_the_break(absent:
     assert second.pipeline.losses(absent).absent_s == second.pipeline.counter.elapsed_s() == 0.0
 
 
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("began_s", [12.3 - 1_767_225_600.0, 1.0, 3600.0])
+def test_a_break_in_which_a_clock_was_set_back_is_missing(began_s: float, order: int) -> None:
+    """An hour passes; the pelvis counts its seconds from its start, or its clock was set back in the break."""
+    at_s = np.arange(3000) / 1000.0
+    accel_mps2 = np.tile([0.0, 0.0, 9.81], (3000, 1)) + 0.01 * np.random.default_rng(3).standard_normal((3000, 3))
+
+    def push(exposure: ContinuedExposure, start_s: dict[str, float]) -> None:
+        for at in range(0, 3000, 100):
+            for name in list(start_s)[::order]:
+                stamps_ns = np.rint(1e9 * (1_767_225_600.0 + start_s[name] + at_s)).astype(np.int64)
+                exposure.push(name, stamps_ns[at : at + 100], accel_mps2[at : at + 100])
+
+    first = ContinuedExposure(Pipeline(subject()))
+    push(first, {SEAT: 0.0, "head": 0.0, "pelvis": 0.0})
+    second = continued(first)
+    push(second, {SEAT: 3600.0, "pelvis": began_s})
+    for name in (SEAT, "pelvis", "head"):
+        lost = second.pipeline.losses(name)
+        gone_s = 3597.0 + 3.0 * (name == "head")
+        assert lost.absent_s == pytest.approx(gone_s, abs=0.1) and lost.lower_bound, name
+
+
 def test_a_weighting_that_the_checkpoint_lacks_counts_from_the_restart() -> None:
     streams, cuts = noisy_streams(8.0), in_turn(noisy_streams(8.0), 140)
     first = ride(streams, [cut for cut in cuts if cut[1] < 40 * 140])

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
+from histories import Sends, found
 from streams import RATE_HZ, noisy_streams, subject
 
 from biodyn_core.base.segments import SEAT, SENSORS
@@ -290,3 +291,67 @@ def test_delayed_samples_are_no_clock_set_back() -> None:
     for name in SENSORS:
         assert pipeline.status(name).set_back_s == 0.0
         assert pipeline.losses(name).missing_s == pytest.approx(35 / RATE_HZ, abs=0.003), name
+
+
+SOME = (SEAT, "head", "neck", "pelvis")
+
+
+@pytest.mark.parametrize("set_s", [3600.0, -50.0])
+def test_a_sensor_that_paused_alone_shows_the_next_one_that_its_clock_was_set(set_s: float) -> None:
+    """No other sensor ever decides the pause of the seat."""
+    sends = {SEAT: Sends(((0, 60), (70, 220))), "head": Sends(((0, 40), (200, 220)), ((150, set_s),))}
+    for seed in range(3):
+        one = found(sends, seed)
+        assert one[SEAT] == pytest.approx((10.0, 0.0), abs=1.0), seed
+        assert one["head"] == pytest.approx((160.0, set_s), abs=1.0), seed
+
+
+@pytest.mark.parametrize("ahead_s", [4.0, 10.0, -10.0])
+@pytest.mark.parametrize("drifts", [True, False])
+@pytest.mark.parametrize("sensor", [SEAT, "head"])
+def test_a_common_pause_is_missing_when_one_clock_leads_the_others(sensor: str, drifts: bool, ahead_s: float) -> None:
+    """A clock that leads from the start makes a sensor late too, in one order of arrival."""
+    sends = dict.fromkeys(SOME, Sends(((0, 100), (200, 230))))
+    drift_s = tuple((at, 0.01 * ahead_s) for at in range(100))
+    sends[sensor] = Sends(((0, 100), (200, 230)), *((drift_s, 0.0) if drifts else ((), ahead_s)))
+    late_s = 0.0 if drifts else abs(ahead_s)
+    for seed in range(3):
+        for name, one in found(sends, seed).items():
+            assert 97.0 < one.missing_s < 103.0 + late_s, (name, seed)
+            assert one.offset_s == 0.0, (name, seed)
+
+
+@pytest.mark.parametrize("back_s", [50.0, 100.0, 150.0])
+@pytest.mark.parametrize("later_s", [-3.0, -1.5, 0.0, 1.5, 3.0])
+def test_a_common_pause_is_missing_for_a_clock_that_was_set_back_in_it(later_s: float, back_s: float) -> None:
+    """Set back by as much as the pause lasts: the clock stood still."""
+    sends = dict.fromkeys(SOME, Sends(((0, 30), (130, 160))))
+    sends["neck"] = Sends(((0, 30), (130 + later_s, 160)), ((80, -back_s),))
+    for seed in range(3):
+        one = found(sends, seed)
+        assert one["neck"] == pytest.approx((100.0 + later_s, -back_s), abs=1.5), seed
+        for name in (SEAT, "head", "pelvis"):
+            assert one[name].missing_s == pytest.approx(100.0, abs=3.5) and one[name].offset_s == 0.0, (name, seed)
+
+
+def test_a_reset_between_a_set_clock_and_the_next_block_of_others_hides_no_later_loss_of_theirs() -> None:
+    pipeline, streams = Pipeline(subject()), leapt(noisy_streams(SECONDS), ["head"], HOUR_NS, 4.0, 99.0)
+    streams = those(without(streams, [SEAT], 6.0, 7.0), "head", SEAT)[::-1]
+    is_reset = False
+    for at in range(0, len(streams[0].stamps_ns), BLOCK):
+        for one in streams:
+            part = slice(at, at + BLOCK)
+            pipeline.push(one.sensor, one.stamps_ns[part], one.accel_mps2[part])
+            if not is_reset and pipeline.timelines.silent_s(SEAT) > 3000.0:
+                pipeline.reset()
+                is_reset = True
+    lost = pipeline.losses(SEAT)
+    assert is_reset and lost.missing_s == pytest.approx(1.0, abs=0.02) and lost.lower_bound
+
+
+@pytest.mark.parametrize("behind_s", [30.0, 20.0])
+def test_a_sensor_that_joins_late_with_a_clock_behind_the_others_is_late(behind_s: float) -> None:
+    sends = dict.fromkeys((SEAT, "head"), Sends(((0, 50),)))
+    one = found(sends | {"neck": Sends(((30, 50),), (), -behind_s)})
+    assert one["neck"].missing_s == pytest.approx(30.0, abs=1.0)
+    assert one[SEAT].missing_s == one["head"].missing_s == 0.0

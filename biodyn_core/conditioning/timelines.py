@@ -58,6 +58,12 @@ class Timelines:
     """`update` a sensor after each push; read how late it began, how long it is silent, and its clock's offset.
 
     wait_s: the longest lag of a sensor behind the others that is no silence.
+
+    Known limits. A sensor that alone falls silent, and whose clock stands still meanwhile or is set back by the same
+    time, returns without a leap, as if its samples were late: the silence is missing only while it lasts. A pause
+    that a clock set back follows within a few seconds is withdrawn for that sensor. Of two sensors, the seat's clock
+    is right: where it is set ahead, the time is missing for both, and where it is set back in a common pause, the
+    pause is too short for both.
     """
 
     def __init__(self, conditioners: Mapping[str, Conditioner], wait_s: float) -> None:
@@ -98,9 +104,7 @@ class Timelines:
     def reset(self) -> None:
         """A sensor that joins later is late since this reset."""
         self._reset_s = self._front_s
-        self._undecided = {
-            name: leap for name, leap in self._undecided.items() if self._at_s[name] - leap.to_s <= 2.0 * self._near_s
-        }
+        self._undecided = self._recent()
 
     # --- figures -----------------------------------------------------------------------------------------------------
 
@@ -116,8 +120,14 @@ class Timelines:
         return self._gap_s[sensor]
 
     def undecided_s(self, sensor: str) -> float:
-        """The part of a sensor's gaps that is withdrawn if its last leap turns out to be a clock that was set, s."""
-        return max(0.0, self._undecided[sensor].counted_s) if sensor in self._undecided else 0.0
+        """The part of a sensor's missing time that is withdrawn if an undecided leap is a clock that was set, s.
+
+        It includes all silence, which may be the leap of another sensor.
+        """
+        if not self._undecided:
+            return 0.0
+        counted_s = self._undecided[sensor].counted_s if sensor in self._undecided else 0.0
+        return max(0.0, counted_s) + self.silent_s(sensor)
 
     def late_s(self, sensor: str, earlier_s: float = 0.0) -> float:
         """Delay of the first sample behind the first sensor or the last reset, s; 0 up to `wait_s`.
@@ -173,8 +183,8 @@ class Timelines:
             lead_s = self._known_lead(newest_s - self._front_s)
         began_s = first_s - lead_s
         if newest_s - lead_s < self._front_s - self._near_s:
-            # Its clock is behind, or its samples came late: the others did not begin late.
-            began_s = max(began_s, min(self._began_s.values()))
+            # Its clock is behind, or its samples came late: the others did not begin late, and it began just now.
+            began_s = max(began_s, min(self._began_s.values()), self._front_s - (newest_s - first_s))
         self._lead_s[sensor], self._began_s[sensor] = lead_s, began_s
 
     def _leap(self, sensor: str) -> None:
@@ -198,9 +208,18 @@ class Timelines:
         runs, at_s = self._conditioners[sensor].runs, self._at_s[sensor]
         leapt_s, counted_s = runs.leapt_s - self._leapt_s[sensor], runs.leap_gap_s - self._counted_s[sensor]
         self._leapt_s[sensor], self._counted_s[sensor] = runs.leapt_s, runs.leap_gap_s
-        others = [s for name, s in self._at_s.items() if name != sensor and name not in self._undecided]
-        silent_s = max(others, default=-math.inf) - self._behind_s[sensor] - (at_s - leapt_s)
-        return _Leap(leapt_s, counted_s, max(0.0, silent_s), at_s, dict(self._behind_s), {})
+        recent = self._recent()
+        others = [s for name, s in self._at_s.items() if name != sensor and name not in recent]
+        lags_s = dict(self._behind_s)
+        for before in reversed(recent.values()):  # the first leap changes the front, and with it all later lags
+            lags_s |= before.lags_s
+        silent_s = max(others, default=-math.inf) - lags_s[sensor] - (at_s - leapt_s)
+        return _Leap(leapt_s, counted_s, max(0.0, silent_s), at_s, lags_s, {})
+
+    def _recent(self) -> dict[str, _Leap]:
+        """The undecided leaps that other sensors may still decide, the oldest first; an older one is a pause."""
+        limit_s = 2.0 * self._near_s
+        return {name: leap for name, leap in self._undecided.items() if self._at_s[name] - leap.to_s <= limit_s}
 
     def _set(self, sensor: str, leap: _Leap) -> None:
         """Count a leap as a clock that was set: only its silence is missing."""
@@ -231,31 +250,45 @@ class Timelines:
         """Take the newest sample of a sensor as a vote on undecided leaps; decide those with enough of them."""
         at_s = self._at_s[sensor]
         for name, leap in list(self._undecided.items()):
+            if name not in self._undecided:
+                continue  # decided with the one before
             if name != sensor:
                 leap.since_s.setdefault(sensor, at_s)
             went_on = self._went_on(leap)
             if sensor in went_on and at_s - leap.since_s[sensor] > VOTING_WAITS * self._wait_s:
                 self._decide(name, leap, went_on)
-            elif name == sensor and leap.since_s and at_s - leap.to_s > 2.0 * self._near_s:
-                del self._undecided[name]  # a pause: whoever went on would have decided the leap by now
+            elif name == sensor and leap.since_s and at_s - leap.to_s > (4.0 if went_on else 2.0) * self._near_s:
+                # A pause: whoever went on would have decided the leap by now, also one that returned a little later.
+                del self._undecided[name]
 
     def _went_on(self, leap: _Leap) -> set[str]:
         """The other sensors that sent after a leap from instants before it, as if there was no pause."""
         limit_s = leap.to_s - self._near_s
-        return {name for name in leap.since_s if self._at_s[name] + leap.lags_s.get(name, 0.0) < limit_s}
+        return {name for name in leap.since_s if self._at_s[name] + leap.lags_s[name] < limit_s}
 
     def _decide(self, sensor: str, leap: _Leap, went_on: Collection[str]) -> None:
         """Decide a leap by the majority of the sensors that sent after it, where equal by the seat's side."""
         del self._undecided[sensor]
         paused = {sensor, *leap.since_s}.difference(went_on)
         if (len(went_on), SEAT in went_on) > (len(paused), SEAT in paused):
-            self._set(sensor, leap)
+            self._set(sensor, leap._replace(silent_s=self._silence_before_s(sensor, leap, went_on)))
             return
-        for other in went_on:
-            self._move(other, -leap.set_s)
+        here_s = self._at_s[sensor] + leap.lags_s[sensor]
+        for other in went_on:  # its clock was set back within the pause, or stood still, so its own gap is too small
+            by_s = here_s - self._at_s[other] - leap.lags_s[other]
+            self._move(other, -by_s)
+            self._gap_s[other] += by_s
+            self._undecided.pop(other, None)
+
+    def _silence_before_s(self, sensor: str, leap: _Leap, went_on: Collection[str]) -> float:
+        """How far the others went on since the last sample before a leap, also if their own leaps were undecided."""
+        others_s = max(self._at_s[other] + leap.lags_s[other] for other in went_on)
+        silent_s = others_s - (self._at_s[sensor] + leap.lags_s[sensor] - leap.leapt_s)
+        # A small difference is no silence: it is the order in which the newest samples arrived.
+        return silent_s if silent_s > leap.silent_s + self._near_s else leap.silent_s
 
     def _update_front(self) -> None:
-        """The newest instant of all sensors; an undecided leap counts while no other sensor went on before it."""
-        doubtful = {name for name, leap in self._undecided.items() if self._went_on(leap)}
+        """The newest instant of all sensors; a recent undecided leap counts while no other sensor went on before it."""
+        doubtful = {name for name, leap in self._recent().items() if self._went_on(leap)}
         self._front_s = max(s for name, s in self._at_s.items() if name not in doubtful)
         self._reset_s = min(self._reset_s, self._front_s)

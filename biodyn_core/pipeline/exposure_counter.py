@@ -9,7 +9,7 @@ from biodyn_core.base.arrays import Floats
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.conditioning.conditioner import Conditioner
 from biodyn_core.conditioning.tilt import Vector, first_axis_rad
-from biodyn_core.conditioning.timelines import Timelines
+from biodyn_core.conditioning.timelines import JOINED_APART_S, Timelines
 from biodyn_core.exposure.losses import NO_LOSSES, Losses
 from biodyn_core.exposure.sensor_meters import SensorMeters
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
@@ -97,7 +97,10 @@ class ExposureCounter:
         return Losses(status.clipped, absent_s, status.filled_s, status.flat_s)
 
     def _certain_losses(self, sensor: str) -> Losses:
-        """The losses that stay: what is withdrawn after a reset would hide later losses by as much."""
+        """The losses that stay: what is withdrawn after a reset would hide later losses by as much.
+
+        A real silence during an undecided leap counts once more after the reset, which is on the safe side.
+        """
         losses = self._losses(sensor)
         return losses._replace(absent_s=max(0.0, losses.absent_s - self._timelines.undecided_s(sensor)))
 
@@ -132,14 +135,24 @@ class ExposureCounter:
         return losses._replace(absent_s=losses.absent_s + self.break_s(sensor))
 
     def break_s(self, sensor: str) -> float:
-        """Seconds from a sensor's initial exposure to its first sample, or to the newest of all before it has one."""
+        """Seconds from a sensor's initial exposure to its first sample, or to the newest of all before it has one.
+
+        A clock that was set back in the break shows a time that is too short; then the time of the others counts.
+        Known limit: one that was set back by less than the break is not found, because the shortest break is shared.
+        """
         if sensor not in self.initial.sensors:
             return 0.0
         own = self._conditioners[sensor]
         newest = [stamp for c in self._conditioners.values() if (stamp := c.newest_ns) is not None]
         reached_ns = own.first_ns if own.rest is not None else max(newest, default=None)
         end_ns = self.initial.sensors[sensor].end_ns
-        return 0.0 if reached_ns is None else max(0.0, 1e-9 * (reached_ns - end_ns))
+        if reached_ns is None:
+            return 0.0
+        own_s, timelines = 1e-9 * (reached_ns - end_ns), self._timelines
+        shared_s = self._before_run_s() - self.initial.elapsed_s
+        shared_s += timelines.joined_s(sensor) if own.rest is not None else timelines.elapsed_s()
+        # A longer one of its own is right: the sensor was absent from the run before too.
+        return shared_s if own_s < max(0.0, shared_s - JOINED_APART_S) else own_s
 
     def reset(self) -> None:
         """Set everything "since reset" to zero, initial exposure included."""
