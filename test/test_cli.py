@@ -78,7 +78,8 @@ def write_bag(path: Path, sensors: tuple[str, ...] = SENSORS, change: Any = None
                     stamps, accel = change(stream.sensor, stamps.copy(), accel.copy())
                 topic = namespace + topics.INPUT[stream.sensor]
                 writer.add_topic(topic, IMU_TYPE)
-                writer.write(topic, stamps, encode_imu(stamps, accel, np.zeros_like(accel), "imu"))
+                log_ns = np.where(stamps == 0, stream.stamps_ns[: len(stamps)], stamps)
+                writer.write(topic, log_ns, encode_imu(stamps, accel, np.zeros_like(accel), "imu"))
     return path
 
 
@@ -184,9 +185,22 @@ def low_gain(sensor: str, stamps: np.ndarray, accel: np.ndarray) -> tuple[np.nda
     return stamps, 0.8 * accel if sensor == "seat" else accel
 
 
+def not_finite_tail(sensor: str, stamps: np.ndarray, accel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All sensors send no numbers any more after a while."""
+    accel[2000:] = np.nan
+    return stamps, accel
+
+
+def unset_tail(sensor: str, stamps: np.ndarray, accel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All sensors send no stamps any more after a while."""
+    stamps[2000:] = 0
+    return stamps, accel
+
+
 @pytest.mark.parametrize(
     ("change", "because"),
     [
+        (not_finite_tail, "seat's samples are unusable"),
         (vertical_only, "vertical only"),
         (clipped_once, "1 sample is clipped"),
         (stuck, "missing"),
@@ -433,6 +447,25 @@ def test_nan_samples_are_rejected_and_counted(capsys: pytest.CaptureFixture[str]
     assert document["sensors"]["seat"]["lower_bound"] is True
     assert document["sensors"]["seat"]["missing_s"] == pytest.approx(6 / 1129.3, rel=1e-3)
     assert any("seat: 0.005 s missing" in line for line in document["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [(not_finite_tail, "readings that are no numbers, or impossible"), (unset_tail, "stamps never set")],
+)
+def test_a_record_that_ends_with_unusable_samples_is_a_lower_bound_with_warnings(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, change: Any, cause: str
+) -> None:
+    document = figures(capsys, write_bag(tmp_path / "bag.mcap", change=change), tmp_path / "out")
+    lost = len(noisy_streams()[0].stamps_ns) - 2000
+    assert document["seat"]["zone"] == "undecided"
+    assert document["seat"]["time_to_action_value_s"] is None
+    for name in SENSORS:
+        assert document["sensors"][name]["lower_bound"] is True
+        assert document["sensors"][name]["missing_s"] == pytest.approx(lost / 1129.3, abs=2e-3)
+        assert f"{name}: {lost} samples rejected: {lost} {cause}" in document["warnings"]
+        begin = f"{name}: the last {lost / 1129.3:.1f}"
+        assert any(line.startswith(begin) and "no usable sample" in line for line in document["warnings"])
 
 
 @pytest.mark.parametrize(
