@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -262,6 +263,56 @@ def test_files_of_an_earlier_replay_that_are_not_requested_are_removed(
     assert {path.name for path in out.iterdir()} == {"predicted.mcap", "exposure.json", "report.html"}
     figures(capsys, bag, out)
     assert {path.name for path in out.iterdir()} == {"exposure.json"}
+
+
+@pytest.mark.parametrize("given", [(), ("--no-predicted",)])
+@pytest.mark.parametrize("linked", [False, True])
+def test_a_replay_into_the_place_of_its_bag_is_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, given: tuple[str, ...], linked: bool
+) -> None:
+    bag = write_bag(tmp_path / "predicted.mcap")
+    before = bag.read_bytes()
+    named = tmp_path / "drive.mcap"
+    named.symlink_to(bag)
+    line = refused(
+        capsys, "replay", named if linked else bag, "--subject", "subject_1", "-o", tmp_path, "--no-report", *given
+    )
+    assert "is an input, and a result would replace it" in line
+    assert bag.read_bytes() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["drive.mcap", "predicted.mcap"]
+
+
+@pytest.mark.parametrize("given", [(), ("--no-predicted",)])
+def test_a_replay_never_replaces_a_directory(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, given: tuple[str, ...]
+) -> None:
+    recording = tmp_path / "predicted.mcap"
+    recording.mkdir()
+    write_bag(recording / "drive_0.mcap")
+    line = refused(capsys, "replay", recording, "--subject", "subject_1", "-o", tmp_path, "--no-report", *given)
+    assert "predicted.mcap: is a directory" in line
+    assert [path.name for path in recording.iterdir()] == ["drive_0.mcap"]
+
+
+def test_a_file_of_a_recording_is_not_replaced(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "predicted.mcap")
+    before = bag.read_bytes()
+    line = refused(capsys, "replay", tmp_path, "--subject", "subject_1", "-o", tmp_path, "--no-report")
+    assert "is an input" in line
+    assert bag.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("command", "name"), [("trace", "subject.yaml"), ("subject", "subject.yaml"), ("subject", "fitted.yaml")]
+)
+def test_the_given_subject_is_not_replaced(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, command: str, name: str
+) -> None:
+    given = tmp_path / name
+    shutil.copyfile(subject_file("subject_1"), given)
+    line = refused(capsys, command, BAG, "--subject", given, "-o", tmp_path, "--no-report")
+    assert "is an input, and a result would replace it" in line
+    assert given.read_bytes() == subject_file("subject_1").read_bytes()
 
 
 def test_a_closed_output_pipe_is_no_failure() -> None:
