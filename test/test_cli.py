@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import shutil
 import subprocess
@@ -313,6 +314,15 @@ def test_the_given_subject_is_not_replaced(
     line = refused(capsys, command, BAG, "--subject", given, "-o", tmp_path, "--no-report")
     assert "is an input, and a result would replace it" in line
     assert given.read_bytes() == subject_file("subject_1").read_bytes()
+
+
+def test_a_bag_name_that_is_not_utf8_is_replayed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / os.fsdecode(b"dr\xffive.mcap"))
+    code, out, errors = run(capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out", "--no-report")
+    assert code == 0, errors
+    assert r"dr\udcffive.mcap" in out
+    with open_bag(tmp_path / "out" / "predicted.mcap") as reader:
+        assert reader.metadata("biodyn")["bag"].endswith(r"dr\udcffive.mcap")
 
 
 def test_a_closed_output_pipe_is_no_failure() -> None:
