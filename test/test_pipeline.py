@@ -245,13 +245,16 @@ def test_a_return_from_unusable_samples_counts_their_time_once() -> None:
 
 def test_a_reset_during_unusable_samples_hides_no_later_loss() -> None:
     (seat,) = (stream for stream in noisy_streams(6.0, "road", 3) if stream.sensor == SEAT)
-    accel = seat.accel_mps2.copy()
-    accel[3000:4000] = np.nan
+    stamps_ns = seat.stamps_ns.copy()
+    stamps_ns[3500:] -= stamps_ns[3500] - stamps_ns[3000]  # the clock stands still for 500 samples, and goes on
+    stamps_ns[3000:3500] = stamps_ns[2999]
     pipeline = Pipeline(subject())
-    pipeline.push(SEAT, seat.stamps_ns[:3500], accel[:3500])
+    pipeline.push(SEAT, stamps_ns[:3500], seat.accel_mps2[:3500])
+    assert pipeline.losses(SEAT).missing_s == pytest.approx(500 / RATE_HZ, abs=2e-3)
     pipeline.reset()
-    pipeline.push(SEAT, seat.stamps_ns[3500:], accel[3500:])
-    assert pipeline.losses(SEAT).missing_s >= 500 / RATE_HZ
+    for part in (slice(3500, 4500), slice(4800, None)):
+        pipeline.push(SEAT, stamps_ns[part], seat.accel_mps2[part])
+    assert pipeline.losses(SEAT).missing_s == pytest.approx(300 / RATE_HZ, abs=2e-3)
 
 
 def test_a_looping_bag_continues_counting_and_restarts_the_model() -> None:
