@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -78,7 +80,8 @@ def write_bag(path: Path, sensors: tuple[str, ...] = SENSORS, change: Any = None
                     stamps, accel = change(stream.sensor, stamps.copy(), accel.copy())
                 topic = namespace + topics.INPUT[stream.sensor]
                 writer.add_topic(topic, IMU_TYPE)
-                writer.write(topic, stamps, encode_imu(stamps, accel, np.zeros_like(accel), "imu"))
+                log_ns = np.where(stamps == 0, stream.stamps_ns[: len(stamps)], stamps)
+                writer.write(topic, log_ns, encode_imu(stamps, accel, np.zeros_like(accel), "imu"))
     return path
 
 
@@ -184,9 +187,22 @@ def low_gain(sensor: str, stamps: np.ndarray, accel: np.ndarray) -> tuple[np.nda
     return stamps, 0.8 * accel if sensor == "seat" else accel
 
 
+def not_finite_tail(sensor: str, stamps: np.ndarray, accel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All sensors send no numbers any more after a while."""
+    accel[2000:] = np.nan
+    return stamps, accel
+
+
+def unset_tail(sensor: str, stamps: np.ndarray, accel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All sensors send no stamps any more after a while."""
+    stamps[2000:] = 0
+    return stamps, accel
+
+
 @pytest.mark.parametrize(
     ("change", "because"),
     [
+        (not_finite_tail, "seat's samples are unusable"),
         (vertical_only, "vertical only"),
         (clipped_once, "1 sample is clipped"),
         (stuck, "missing"),
@@ -248,6 +264,65 @@ def test_files_of_an_earlier_replay_that_are_not_requested_are_removed(
     assert {path.name for path in out.iterdir()} == {"predicted.mcap", "exposure.json", "report.html"}
     figures(capsys, bag, out)
     assert {path.name for path in out.iterdir()} == {"exposure.json"}
+
+
+@pytest.mark.parametrize("given", [(), ("--no-predicted",)])
+@pytest.mark.parametrize("linked", [False, True])
+def test_a_replay_into_the_place_of_its_bag_is_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, given: tuple[str, ...], linked: bool
+) -> None:
+    bag = write_bag(tmp_path / "predicted.mcap")
+    before = bag.read_bytes()
+    named = tmp_path / "drive.mcap"
+    named.symlink_to(bag)
+    line = refused(
+        capsys, "replay", named if linked else bag, "--subject", "subject_1", "-o", tmp_path, "--no-report", *given
+    )
+    assert "is an input, and a result would replace it" in line
+    assert bag.read_bytes() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["drive.mcap", "predicted.mcap"]
+
+
+@pytest.mark.parametrize("given", [(), ("--no-predicted",)])
+def test_a_replay_never_replaces_a_directory(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, given: tuple[str, ...]
+) -> None:
+    recording = tmp_path / "predicted.mcap"
+    recording.mkdir()
+    write_bag(recording / "drive_0.mcap")
+    line = refused(capsys, "replay", recording, "--subject", "subject_1", "-o", tmp_path, "--no-report", *given)
+    assert "predicted.mcap: is a directory" in line
+    assert [path.name for path in recording.iterdir()] == ["drive_0.mcap"]
+
+
+def test_a_file_of_a_recording_is_not_replaced(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "predicted.mcap")
+    before = bag.read_bytes()
+    line = refused(capsys, "replay", tmp_path, "--subject", "subject_1", "-o", tmp_path, "--no-report")
+    assert "is an input" in line
+    assert bag.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("command", "name"), [("trace", "subject.yaml"), ("subject", "subject.yaml"), ("subject", "fitted.yaml")]
+)
+def test_the_given_subject_is_not_replaced(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, command: str, name: str
+) -> None:
+    given = tmp_path / name
+    shutil.copyfile(subject_file("subject_1"), given)
+    line = refused(capsys, command, BAG, "--subject", given, "-o", tmp_path, "--no-report")
+    assert "is an input, and a result would replace it" in line
+    assert given.read_bytes() == subject_file("subject_1").read_bytes()
+
+
+def test_a_bag_name_that_is_not_utf8_is_replayed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / os.fsdecode(b"dr\xffive.mcap"))
+    code, out, errors = run(capsys, "replay", bag, "--subject", "subject_1", "-o", tmp_path / "out", "--no-report")
+    assert code == 0, errors
+    assert r"dr\udcffive.mcap" in out
+    with open_bag(tmp_path / "out" / "predicted.mcap") as reader:
+        assert reader.metadata("biodyn")["bag"].endswith(r"dr\udcffive.mcap")
 
 
 def test_a_closed_output_pipe_is_no_failure() -> None:
@@ -433,6 +508,25 @@ def test_nan_samples_are_rejected_and_counted(capsys: pytest.CaptureFixture[str]
     assert document["sensors"]["seat"]["lower_bound"] is True
     assert document["sensors"]["seat"]["missing_s"] == pytest.approx(6 / 1129.3, rel=1e-3)
     assert any("seat: 0.005 s missing" in line for line in document["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [(not_finite_tail, "readings that are no numbers, or impossible"), (unset_tail, "stamps never set")],
+)
+def test_a_record_that_ends_with_unusable_samples_is_a_lower_bound_with_warnings(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, change: Any, cause: str
+) -> None:
+    document = figures(capsys, write_bag(tmp_path / "bag.mcap", change=change), tmp_path / "out")
+    lost = len(noisy_streams()[0].stamps_ns) - 2000
+    assert document["seat"]["zone"] == "undecided"
+    assert document["seat"]["time_to_action_value_s"] is None
+    for name in SENSORS:
+        assert document["sensors"][name]["lower_bound"] is True
+        assert document["sensors"][name]["missing_s"] == pytest.approx(lost / 1129.3, abs=2e-3)
+        assert f"{name}: {lost} samples rejected: {lost} {cause}" in document["warnings"]
+        begin = f"{name}: the last {lost / 1129.3:.1f}"
+        assert any(line.startswith(begin) and "no usable sample" in line for line in document["warnings"])
 
 
 @pytest.mark.parametrize(

@@ -84,6 +84,21 @@ def unset(stamps_ns: np.ndarray, accel: np.ndarray, here: slice) -> None:
     stamps_ns[here] = 0
 
 
+TWO_SECONDS = 4 * CHECK_SAMPLES
+
+
+def nan_for(stamps_ns: np.ndarray, accel: np.ndarray, here: slice) -> None:
+    accel[here.start : here.start + TWO_SECONDS] = np.nan
+
+
+def unset_for(stamps_ns: np.ndarray, accel: np.ndarray, here: slice) -> None:
+    stamps_ns[here.start : here.start + TWO_SECONDS] = 0
+
+
+def frozen_for(stamps_ns: np.ndarray, accel: np.ndarray, here: slice) -> None:
+    stamps_ns[here.start : here.start + TWO_SECONDS] = stamps_ns[here.start - 1]
+
+
 @pytest.mark.parametrize("sensor", [SEAT, "head"])
 @pytest.mark.parametrize(("spoil", "expected"), [(nan, "no numbers"), (clipped, "clipped"), (unset, "never set")])
 def test_a_fault_is_a_warning_while_it_lasts_and_not_two_seconds_later(sensor: str, spoil, expected: str) -> None:
@@ -241,6 +256,57 @@ def test_a_sensor_is_silent_after_half_a_second(name: str, level: int) -> None:
     clock[0] = 0.6
     node.check()
     assert node.status(name) == (level, "silent for 0.6 s")
+
+
+@pytest.mark.parametrize(("name", "level"), [(SEAT, ERROR), ("head", WARN)])
+@pytest.mark.parametrize(
+    ("spoil", "cause"), [(nan_for, "readings that are no numbers"), (unset_for, "never set"), (frozen_for, "too late")]
+)
+def test_a_sensor_that_sends_only_unusable_samples_is_at_fault(name: str, level: int, spoil, cause: str) -> None:
+    node, clock = Node(faulty(name, spoil)), [0.0]
+    for one in node.health.values():
+        one.now = lambda: clock[0]
+
+    def advance(checks: int) -> None:
+        for _ in range(checks):
+            clock[0] += 0.5
+            node.advance()
+
+    advance(6)
+    assert node.status(name)[0] == OK and node.prediction() == (OK, "predicting")
+    advance(3)
+    found, message = node.status(name)
+    assert found == level and message.startswith("no usable sample for 1.5 s: ") and cause in message
+    if name == SEAT:
+        assert node.prediction() == (ERROR, f"predictions stopped: seat has {message}")
+    else:
+        assert node.prediction() == (OK, "predicting")
+    advance(3)  # the samples can be used again after two seconds
+    assert "no usable sample" not in node.status(name)[1] and node.prediction()[0] != ERROR
+
+
+def test_messages_that_are_refused_are_no_usable_samples() -> None:
+    node, clock = Node(noisy_streams(6.0)), [0.0]
+    for one in node.health.values():
+        one.now = lambda: clock[0]
+    node.advance(6)
+    for _ in range(3):
+        clock[0] += 0.5
+        node.health[SEAT].arrived()
+        node.health[SEAT].refused("cut off")
+        node.check()
+    assert node.status(SEAT) == (ERROR, "no usable sample for 1.5 s: 3 messages refused: cut off")
+
+
+def test_a_return_from_silence_is_no_fault_of_the_samples() -> None:
+    node, clock = Node(noisy_streams(6.0)), [0.0]
+    for one in node.health.values():
+        one.now = lambda: clock[0]
+    node.advance(6)
+    clock[0] = 3.0
+    node.health[SEAT].arrived()  # the first messages are not processed yet
+    node.check()
+    assert node.status(SEAT) == (OK, "streaming")
 
 
 def test_a_segment_that_does_not_fit_is_a_warning_and_a_mark_until_it_fits_again() -> None:

@@ -220,6 +220,7 @@ def test_below_the_action_values_needs_a_complete_record():
         ({"absent_s": 40.0}, "40 s are missing at the seat, more than 1 %"),
         ({"flat_s": 2.0}, "2 s of the seat's readings do not change"),
         ({"silent": True}, "fallen silent"),
+        ({"unusable_s": 0.6}, "the last 0.6 s of the seat's samples are unusable"),
         ({"fault": "no power"}, "no power"),
         ({"gravity_mps2": 7.8}, "reads 7.80 m/s^2 for gravity"),
         ({"gravity_mps2": None}, "reads nothing for gravity"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import math
 import socket
 import sys
@@ -313,6 +315,31 @@ def test_a_silent_seat_stops_predictions_until_it_sends_again(graph: Graph) -> N
     assert len(head) == stopped
     sensors.send(6_000)
     graph.wait(lambda: len(head) > stopped + 300, "predictions again")
+
+
+def test_a_seat_that_sends_only_unusable_samples_stops_predictions_in_diagnostics_and_page(graph: Graph) -> None:
+    streams = []
+    for stream in noisy_streams():
+        accel = stream.accel_mps2.copy()
+        accel[2000:] = np.nan
+        streams.append(dataclasses.replace(stream, accel_mps2=accel))
+    tester = graph.node()
+    diagnostics = Diagnostics(graph, tester)
+    snapshots = graph.collect(tester, String, topics.absolute(topics.SNAPSHOT))
+    graph.active()
+    sensors = Sensors(graph, SENSORS, tuple(streams))
+    graph.wait(sensors.matched, "six inputs matched")
+    sensors.send(11_400)
+    graph.wait(lambda: diagnostics.says("prediction", OK, ""), "predictions")
+    for _ in range(40):  # messages go on in real time
+        sensors.send(200)
+        graph.spin(0.1)
+        if diagnostics.says(SEAT, ERROR, "no usable sample for"):
+            break
+    assert diagnostics.says(SEAT, ERROR, "readings that are no numbers")
+    assert diagnostics.says("prediction", ERROR, "predictions stopped: seat has no usable sample for")
+    shown = json.loads(snapshots[-1].data)
+    assert shown["verdict"]["tone"] == "none" and shown["seat"]["missing_s"] > 0.05
 
 
 def test_a_publisher_of_another_type_is_an_error_naming_the_topic(graph: Graph) -> None:

@@ -193,6 +193,70 @@ def test_a_gap_of_the_seat_restarts_the_model_and_is_missing() -> None:
     assert result.pipeline.seat().time_to_action_value_s is None
 
 
+def not_finite(stream: ImuStream, at: int) -> ImuStream:
+    """A stream whose readings are no numbers from a sample on."""
+    accel = stream.accel_mps2.copy()
+    accel[at:] = np.nan
+    return dataclasses.replace(stream, accel_mps2=accel)
+
+
+def unset(stream: ImuStream, at: int) -> ImuStream:
+    """A stream whose stamps are never set from a sample on."""
+    stamps_ns = stream.stamps_ns.copy()
+    stamps_ns[at:] = 0
+    return dataclasses.replace(stream, stamps_ns=stamps_ns)
+
+
+def frozen(stream: ImuStream, at: int) -> ImuStream:
+    """A stream whose stamps stand still from a sample on."""
+    stamps_ns = stream.stamps_ns.copy()
+    stamps_ns[at:] = stamps_ns[at]
+    return dataclasses.replace(stream, stamps_ns=stamps_ns)
+
+
+@pytest.mark.parametrize("spoil", [not_finite, unset, frozen])
+@pytest.mark.parametrize("sensors", [(SEAT,), SENSORS])
+def test_a_seat_that_sends_only_unusable_samples_has_no_assessment(sensors: tuple[str, ...], spoil) -> None:
+    good = [stream for stream in noisy_streams(6.0, "road", 3) if stream.sensor in sensors]
+    usable = run(good, in_turn(good)).pipeline.seat()
+    assert usable.zone == "below_action_value" and usable.time_to_action_value_s is not None
+    bad = [spoil(stream, 4000) for stream in good]
+    pipeline = run(bad, in_turn(bad)).pipeline
+    lost_s = (len(good[0].stamps_ns) - 4000) / RATE_HZ
+    for name in sensors:
+        assert pipeline.losses(name).missing_s == pytest.approx(lost_s, abs=0.02)
+    seat = pipeline.seat()
+    assert seat.zone == "undecided" and "samples are unusable" in seat.zone_reason
+    assert seat.lower_bound and seat.time_to_action_value_s is None and "unusable" in seat.withheld
+
+
+def test_a_return_from_unusable_samples_counts_their_time_once() -> None:
+    (seat,) = (stream for stream in noisy_streams(6.0, "road", 3) if stream.sensor == SEAT)
+    accel = seat.accel_mps2.copy()
+    accel[3000:5000] = np.nan
+    pipeline = Pipeline(subject())
+    lost_s = []
+    for part in np.split(np.arange(len(accel)), [3000, 3020, 4000, 4500]):
+        pipeline.push(SEAT, seat.stamps_ns[part], accel[part])
+        lost_s.append(pipeline.losses(SEAT).missing_s)
+    assert lost_s[:2] == [0.0, 0.0]  # too short for a gap
+    assert lost_s[2:] == pytest.approx([1000 / RATE_HZ, 1500 / RATE_HZ, 2000 / RATE_HZ], abs=2e-3)
+
+
+def test_a_reset_during_unusable_samples_hides_no_later_loss() -> None:
+    (seat,) = (stream for stream in noisy_streams(6.0, "road", 3) if stream.sensor == SEAT)
+    stamps_ns = seat.stamps_ns.copy()
+    stamps_ns[3500:] -= stamps_ns[3500] - stamps_ns[3000]  # the clock stands still for 500 samples, and goes on
+    stamps_ns[3000:3500] = stamps_ns[2999]
+    pipeline = Pipeline(subject())
+    pipeline.push(SEAT, stamps_ns[:3500], seat.accel_mps2[:3500])
+    assert pipeline.losses(SEAT).missing_s == pytest.approx(500 / RATE_HZ, abs=2e-3)
+    pipeline.reset()
+    for part in (slice(3500, 4500), slice(4800, None)):
+        pipeline.push(SEAT, stamps_ns[part], seat.accel_mps2[part])
+    assert pipeline.losses(SEAT).missing_s == pytest.approx(300 / RATE_HZ, abs=2e-3)
+
+
 def test_a_looping_bag_continues_counting_and_restarts_the_model() -> None:
     streams = noisy_streams()
     once = run(streams, in_turn(streams), finish=False)

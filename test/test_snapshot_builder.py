@@ -174,6 +174,39 @@ def test_a_silent_seat_is_not_green_when_all_sensors_are_silent():
     assert shown["seat"]["left"] == {"action": "withheld", "limit": "withheld"}, "no time left is shown"
 
 
+def not_finite(stream):
+    accel = stream.accel_mps2.copy()
+    accel[4000:] = np.nan
+    return replace(stream, accel_mps2=accel)
+
+
+def unset(stream):
+    stamps_ns = stream.stamps_ns.copy()
+    stamps_ns[4000:] = 0
+    return replace(stream, stamps_ns=stamps_ns)
+
+
+def frozen(stream):
+    stamps_ns = stream.stamps_ns.copy()
+    stamps_ns[4000:] = stamps_ns[4000]
+    return replace(stream, stamps_ns=stamps_ns)
+
+
+@pytest.mark.parametrize("spoil", [not_finite, unset, frozen])
+@pytest.mark.parametrize("sensors", [(SEAT,), SENSORS])
+def test_a_seat_that_sends_only_unusable_samples_is_not_green(spoil, sensors):
+    ride = Ride().drive([spoil(stream) for stream in noisy_streams(**GENTLE) if stream.sensor in sensors])
+    tones = [shown["verdict"]["tone"] for shown in ride.snapshots]
+    fault = 4000 // 280
+    assert tones[fault - 1] == "good" and set(tones[fault + 1 :]) == {"none"}, "grey from the next snapshot on"
+    shown = ride.snapshots[-1]
+    assert "no usable sample for" in shown["verdict"]["reasons"][0]
+    assert shown["seat"]["left"] == {"action": "withheld", "limit": "withheld"}
+    lost_s = (len(noisy_streams(**GENTLE)[0].stamps_ns) - 4000) / 1129.3
+    assert shown["seat"]["missing_s"] == pytest.approx(lost_s, abs=0.02) and shown["seat"]["lower_bound"]
+    assert shown["prediction"]["message"].startswith("predictions stopped: seat has no usable sample")
+
+
 def test_two_publishers_on_the_seat_are_not_green():
     ride = Ride().drive(noisy_streams(**GENTLE))
     ride.health[SEAT].publishers = 2

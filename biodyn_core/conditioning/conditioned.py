@@ -47,7 +47,7 @@ class SensorStatus:
     finite, duplicate, late, stray stamp. filled: interpolated; flat: of a long constant reading. run_s: length of the
     present run, with the rest before the first one, None before it. uncounted_s: time before gravity was known;
     unrested_s: its part in motion; set_back_s: time with late stamps in a row, as of a clock that was set back;
-    gap_s: between runs.
+    gap_s: between runs; unusable_s: time of the rejected samples since the last accepted one, 0 while it is no gap.
     """
 
     rate_hz: float | None
@@ -71,6 +71,7 @@ class SensorStatus:
     unrested_s: float
     set_back_s: float
     gap_s: float
+    unusable_s: float
     warnings: tuple[str, ...]
     fault: str | None
     waiting: str | None

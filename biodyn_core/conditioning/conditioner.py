@@ -111,6 +111,7 @@ class Conditioner:
         self._at_extremes = np.zeros(rails.COUNT_SIZE, dtype=np.int64)
         self._deferred: tuple[Integers, Floats] | None = None
         self._run_blocks: list[Block] = []
+        self._rejected_in_a_row = 0
         self.runs = Runs()
         self._run_epoch_ns = 0
 
@@ -185,6 +186,18 @@ class Conditioner:
         return int(self._counts[kernel.SET_BACK]) + (now if now >= kernel.LEAP_CONFIRMED_BY else 0)
 
     @property
+    def _unusable_s(self) -> float:
+        """Time of the rejected samples since the last accepted one; 0 while it is too short for a gap.
+
+        Samples count as time, because their stamps may be wrong. Samples of a clock that was set back count there.
+        """
+        if self.rest is None:
+            return 0.0
+        rejected = self._rejected_in_a_row - int(self._counts[kernel.LATE_IN_A_ROW])
+        period_s = self.rest.period_s
+        return rejected * period_s if (rejected + 1) * period_s > self._state[kernel.MAX_GAP] else 0.0
+
+    @property
     def newest_ns(self) -> int | None:
         """Stamp of the newest accepted sample; None before gravity is known and right after time jumped back."""
         newest_s = float(self._state[kernel.LAST_STAMP])
@@ -223,6 +236,7 @@ class Conditioner:
             unrested_s=search.unrested(self.rest) * period_s,
             set_back_s=self._set_back * period_s,
             gap_s=self.runs.gap_s,
+            unusable_s=self._unusable_s,
             warnings=tuple(self._warnings(clipping)),
             fault=self.fault,
             waiting=None if known else search.reason(),
@@ -330,9 +344,11 @@ class Conditioner:
             used, written, why = kernel.condition(
                 stamps_ns, samples, epoch_ns, round(self.delay_s * 1e9), final, self._state, self._counts, *buffers
             )  # fmt: skip
+        stamps, times, levelled, low_passed, raw, source = buffers
+        # The last sample written is the last accepted one.
+        self._rejected_in_a_row = used - 1 - source.item(written - 1) if written else self._rejected_in_a_row + used
         if not written:
             return used, None, why
-        stamps, times, levelled, low_passed, raw, source = buffers
         if self._state.item(kernel.LARGEST) >= rails.LEAST_MPS2:
             self._find_rails(raw[:written], source)
         begins_ns, ends_ns = epoch_ns + round(times.item(0) * 1e9), epoch_ns + round(times.item(written - 1) * 1e9)

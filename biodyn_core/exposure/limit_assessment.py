@@ -31,6 +31,9 @@ PROJECTION_AFTER_S: Final = 20.0 * 60.0
 MAX_MISSING_SHARE: Final = 0.01
 """With a larger share missing there are no times and no projections, and no zone below the action value."""
 
+MAX_UNUSABLE_S: Final = 0.5
+"""While all samples of the seat have been rejected for longer, there are no times, and no zone below a value."""
+
 MIN_AXIS_SHARE: Final = 1e-6
 """An axis below this share of the strongest one carries no data: any real sensor has more noise."""
 
@@ -39,13 +42,14 @@ MIN_AXIS_SHARE: Final = 1e-6
 class DataQuality:
     """Quality of the seat's data since reset: its losses and its state.
 
-    silent: the seat sends no samples now, other sensors do.
+    silent: the seat sends no samples now, other sensors do. unusable_s: for so long all its samples were rejected.
     """
 
     losses: Losses
     silent: bool
     gravity_mps2: float | None
     fault: str | None
+    unusable_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -133,7 +137,7 @@ def seat_exposure(
         seconds,
         quality.losses,
         lower_bound=quality.losses.lower_bound or axes.missing_axes > 0,
-        withheld=_incomplete(quality, seconds) or _gravity_error(quality),
+        withheld=_unusable(quality) or _incomplete(quality, seconds) or _gravity_error(quality),
         uncertainty=_uncertainty(quality, seconds, axes),
     )
     deciding = _assess(limits.deciding, exposure)
@@ -307,12 +311,21 @@ def _incomplete(quality: DataQuality, seconds: float) -> str | None:
     return None
 
 
+def _unusable(quality: DataQuality) -> str | None:
+    """Reason that the seat's samples are unusable now, None while they are not."""
+    if quality.unusable_s <= MAX_UNUSABLE_S:
+        return None
+    return f"the last {quality.unusable_s:.3g} s of the seat's samples are unusable"
+
+
 def _uncertainty(quality: DataQuality, seconds: float, axes: _Axes) -> str | None:
     """Why a value that is not reached may be reached all the same, None without a reason."""
     if quality.fault is not None:
         return f"the seat gives no data ({quality.fault})"
     if quality.silent:
         return "the seat has fallen silent"
+    if unusable := _unusable(quality):
+        return unusable
     if incomplete := _incomplete(quality, seconds):
         return incomplete
     if quality.losses.flat_s > 0.0:

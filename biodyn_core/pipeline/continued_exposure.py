@@ -83,7 +83,7 @@ class ContinuedExposure:
             conditioner = pipeline.conditioners[name]
             newest_ns = conditioner.newest_ns or conditioner.first_ns
             if conditioner.rest is not None and newest_ns is not None:
-                covered_ns = newest_ns + round(1e9 * pipeline.timelines.silent_s(name))
+                covered_ns = newest_ns + round(1e9 * pipeline.counter.absence_s(name))
                 sensors[name] = SensorCheckpoint(
                     newest_ns, covered_ns, pipeline.losses(name), conditioner.rest, meters.totals()
                 )

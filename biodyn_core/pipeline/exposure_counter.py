@@ -81,7 +81,7 @@ class ExposureCounter:
         """The losses of a sensor since reset, initial ones included.
 
         Absent: gaps, the time before it joined the others, motion before its first rest, time while its clock was set
-        back, and its present silence.
+        back, and its present absence.
         """
         # A rail that is found or withdrawn later changes the samples before the reset too.
         clipped = self._conditioners[sensor].clipping().before(self._clipping_at_reset[sensor])
@@ -93,16 +93,21 @@ class ExposureCounter:
         status, timelines = self._conditioners[sensor].status(), self._timelines
         gap_s = max(0.0, status.gap_s + timelines.gap_s(sensor))
         late_s = self._late_s(sensor)
-        absent_s = status.unrested_s + status.set_back_s + gap_s + late_s + timelines.silent_s(sensor)
+        absent_s = status.unrested_s + status.set_back_s + gap_s + late_s + self.absence_s(sensor)
         return Losses(status.clipped, absent_s, status.filled_s, status.flat_s)
+
+    def absence_s(self, sensor: str) -> float:
+        """Time since a sensor's last accepted sample: the others went on, or its own samples were rejected."""
+        return max(self._timelines.silent_s(sensor), self._conditioners[sensor].status().unusable_s)
 
     def _certain_losses(self, sensor: str) -> Losses:
         """The losses that stay: what is withdrawn after a reset would hide later losses by as much.
 
         A real silence during an undecided leap counts once more after the reset, which is on the safe side.
         """
-        losses = self._losses(sensor)
-        return losses._replace(absent_s=max(0.0, losses.absent_s - self._timelines.undecided_s(sensor)))
+        losses, timelines = self._losses(sensor), self._timelines
+        withdrawn_s = timelines.undecided_s(sensor) + self.absence_s(sensor) - timelines.silent_s(sensor)
+        return losses._replace(absent_s=max(0.0, losses.absent_s - withdrawn_s))
 
     def _late_s(self, sensor: str) -> float:
         """Seconds of the exposure, initial one included, before a sensor without initial exposure joined."""

@@ -176,7 +176,8 @@ class Pipeline:
         meters, status = self.counter.since_reset().get(SEAT), self.status(SEAT)
         if meters is None:
             return None
-        quality = DataQuality(self.losses(SEAT), self.timelines.silent_s(SEAT) > 0.0, status.gravity_mps2, status.fault)
+        losses, is_silent = self.losses(SEAT), self.timelines.silent_s(SEAT) > 0.0
+        quality = DataQuality(losses, is_silent, status.gravity_mps2, status.fault, status.unusable_s)
         yaw_rad = self._forward_rad(status.vertical)
         return seat_exposure(meters.vertical(), meters.plane(), yaw_rad, self.limits, quality, project)
 

@@ -160,9 +160,12 @@ class BagWriter:
             self._flush(complete_ns)
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Append a metadata record, such as `biodyn` with the provenance; keys and values are text."""
+        """Append a metadata record, such as `biodyn` with the provenance; keys and values are text.
+
+        A file name that is not UTF-8 is written with escapes.
+        """
         at = self._file.tell()
-        self._append(self._records.Metadata(name, {str(key): str(value) for key, value in values.items()}))
+        self._append(self._records.Metadata(name, {_utf8(key): _utf8(value) for key, value in values.items()}))
         index = self._records.MetadataIndex(at, self._file.tell() - at, name)
         self._written.metadata_indexes.append(index)
 
@@ -419,6 +422,11 @@ def _definition(type_name: str) -> tuple[str, str]:
         raise InputError(f"message type {type_name} is unknown: the types of ROS 2 Jazzy can be written")
     text, _ = store.generate_msgdef(type_name, ros_version=2)
     return text, store.hash_rihs01(type_name)
+
+
+def _utf8(text: object) -> str:
+    """A text that UTF-8 can encode."""
+    return str(text).encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def _rename(part: Path, path: Path) -> None:

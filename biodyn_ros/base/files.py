@@ -6,6 +6,7 @@ import contextlib
 import itertools
 import os
 import shutil
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -79,6 +80,15 @@ def make_directory(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{path}: the directory cannot be created ({error.strerror})") from None
+
+
+def check_keeps_inputs(result: Path, inputs: Iterable[Path]) -> None:
+    """Raise InputError for a result that would replace or remove one of the inputs, before the work starts."""
+    for one in inputs:
+        if exists(result) and exists(one) and result.samefile(one):
+            raise InputError(
+                f"{one}: is an input, and a result would replace it: give another directory for the results"
+            )
 
 
 def check_directory(directory: Path) -> None:

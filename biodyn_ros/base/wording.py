@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
 from biodyn_core.base.wording import counted, decimal_places, number
@@ -52,6 +52,15 @@ INTERVAL_OF_MISFIT: Final = (
 
 INTERVAL_OF_BOUND: Final = "The interval of a lower bound is that of the counted part."
 
+REJECTED: Final = {
+    "unset": ("stamp never set", "stamps never set"),
+    "stray": ("implausible stamp", "implausible stamps"),
+    "late": ("sample too late", "samples too late"),
+    "duplicate": ("sample that came twice", "samples that came twice"),
+    "non_finite": ("reading that is no number, or impossible", "readings that are no numbers, or impossible"),
+}
+"""Text for one and for several rejected samples, by the name of their count in `SensorStatus`."""
+
 UNITS_TYPESET: Final = {"m/s^2": "m/s²", "m/s^1.75": "m/s¹·⁷⁵", "m/s^1.5": "m/s¹·⁵"}
 """Units in messages (terminal, JSON), and their form on pages."""
 
@@ -62,6 +71,11 @@ MAX_EXTRA_DECIMALS: Final = 3
 def stuck(samples: int) -> str:
     """The warning about samples whose value does not change."""
     return f"{counted(samples, 'sample')} with an unchanging value counted as missing: stuck sensor?"
+
+
+def rejected(counts: Mapping[str, int]) -> str:
+    """Rejected samples by cause, from their counts; empty without any."""
+    return "; ".join(counted(counts[cause], *text) for cause, text in REJECTED.items() if counts.get(cause))
 
 
 def left_range(samples: int) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import select
 import sys
@@ -23,6 +24,7 @@ TOP_LEVEL: Final = ("-h", "--help", "--version")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one subcommand and return its exit code."""
     os.environ.update(ONE_THREAD)  # before numpy loads
+    _escape_unprintable()
     given = list(sys.argv[1:] if arguments is None else arguments)
     if given[:1] == ["help"]:
         given = [*given[1:2], "-h"]
@@ -46,6 +48,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return EXIT_INPUT
     finally:
         _flush()
+
+
+def _escape_unprintable() -> None:
+    """Print characters that cannot be encoded as escapes: a file name that is not UTF-8 has such characters."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _is_read() -> bool:

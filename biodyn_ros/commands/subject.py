@@ -64,15 +64,19 @@ def _run(options: argparse.Namespace) -> int:
 def _one(options: argparse.Namespace) -> int:
     from biodyn_core.body.parameters import UNFITTED
     from biodyn_core.body.subject import load_subject
+    from biodyn_ros.base.files import check_keeps_inputs
     from biodyn_ros.base.resources import subject_file
-    from biodyn_ros.subject.making import Helpers, make_subject
+    from biodyn_ros.subject.making import FITTED, RESULT, Helpers, make_subject
     from biodyn_ros.subject.page import write_page
     from biodyn_ros.subject.text import document_of, text_of
     from biodyn_ros.work.executor_map import parallel_map
     from biodyn_ros.work.executors import executor_of
 
     directory, how = Path(options.output), how_of(options)
-    subject = load_subject(subject_file(options.subject), UNFITTED)
+    given = subject_file(options.subject)
+    for name in (FITTED, RESULT):
+        check_keeps_inputs(directory / name, [given])
+    subject = load_subject(given, UNFITTED)
     try:
         with executor_of(options.executor) as executor, parallel_map(executor) as parallel:
             helpers = Helpers(executor, parallel, Progress, lambda line: print(line, file=sys.stderr))

@@ -70,12 +70,12 @@ def _add(command: CommandParser) -> None:
 def _run(options: argparse.Namespace) -> None:
     from biodyn_core.body.parameters import UNFITTED
     from biodyn_core.body.subject import load_subject
-    from biodyn_ros.base.files import check_directory
+    from biodyn_ros.base.files import check_directory, check_keeps_inputs
     from biodyn_ros.base.resources import subject_file
     from biodyn_ros.reading.given import bags_of
     from biodyn_ros.trace.document import trace_document
     from biodyn_ros.trace.text import text_of
-    from biodyn_ros.trace.tracing import trace_bags, write_traced
+    from biodyn_ros.trace.tracing import SUBJECT, trace_bags, write_traced
     from biodyn_ros.work.executor_map import parallel_map
     from biodyn_ros.work.executors import executor_of
     from biodyn_ros.work.part_store import PartStore
@@ -84,6 +84,7 @@ def _run(options: argparse.Namespace) -> None:
     check_directory(directory)
     check_reports(options)
     given = subject_file(options.subject)
+    check_keeps_inputs(directory / SUBJECT, [given])
     subject, given_yaml = load_subject(given, UNFITTED), given.read_text(encoding="utf-8")
     kept = PartStore(_kept_beside(directory), options.fresh)
     try:

@@ -25,10 +25,23 @@ from biodyn_core.conditioning.conditioned import SensorStatus
 from biodyn_core.pipeline.fit_monitor import Misfit
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.run_status import RunStatus
-from biodyn_ros.base.wording import DOES_NOT_FIT, FITS_AGAIN, MODEL, ORIGIN, left_range, misfit_line, words
+from biodyn_ros.base.wording import (
+    DOES_NOT_FIT,
+    FITS_AGAIN,
+    MODEL,
+    ORIGIN,
+    REJECTED,
+    left_range,
+    misfit_line,
+    rejected,
+    words,
+)
 from biodyn_ros.node.exposure_store import ExposureStore
 
 SILENT_AFTER_S: Final = 0.5
+UNUSABLE_AFTER_S: Final = 0.5
+"""A sensor whose messages arrive is at fault after so long without a sample that can be used."""
+
 MAX_CLOCK_OFFSET_S: Final = 0.02
 """Beyond this offset from the seat's stamps, by arrival, a residual has no meaning from 12 Hz on."""
 
@@ -46,11 +59,7 @@ MARKS_SHOWN: Final = 5
 OK, WARN, ERROR = range(3)
 
 CAUSES: Final = {
-    "unset": ("stamp never set", "stamps never set"),
-    "stray": ("implausible stamp", "implausible stamps"),
-    "late": ("sample too late", "samples too late"),
-    "duplicate": ("sample that came twice", "samples that came twice"),
-    "non_finite": ("reading that is no number, or impossible", "readings that are no numbers, or impossible"),
+    **REJECTED,
     "flat": ("sample of a reading that never changes", "samples of a reading that never changes"),
     "clipped": ("sample clipped", "samples clipped"),
     "filled": ("sample lost and interpolated", "samples lost and interpolated"),
@@ -118,6 +127,11 @@ class SensorHealth:
     drift: ClockDrift | None = None
     growth: CounterDelta = field(default_factory=CounterDelta)
     now: Callable[[], float] = time.monotonic
+    unusable_s: float = 0.0
+    unusable: str = ""
+    _accepted: int = 0
+    _accepted_s: float | None = None
+    _at_accepted: dict[str, int] = field(default_factory=dict)
     _numbers_from: int | None = None
     _offsets_s: deque[tuple[float, float]] = field(default_factory=deque)
 
@@ -158,7 +172,29 @@ class SensorHealth:
     def update(self, status: SensorStatus) -> None:
         """Update the growth of all fault counts."""
         own = {"lost": self.lost, "errors": self.errors, "gaps": max(0, status.runs - 1)}
-        self.growth.update({key: own[key] if key in own else getattr(status, key) for key in (*CAUSES, "gaps")})
+        counts = {key: own[key] if key in own else getattr(status, key) for key in (*CAUSES, "gaps")}
+        self.growth.update(counts)
+        self._update_unusable(status, counts)
+
+    def _update_unusable(self, status: SensorStatus, counts: dict[str, int]) -> None:
+        """Update how long messages have arrived without an accepted sample, and why.
+
+        The rest at the start is another matter, and a return from silence is no fault: nothing is rejected then.
+        """
+        if status.rate_hz is None or status.accepted != self._accepted or self._accepted_s is None:
+            self._accepted, self._accepted_s, self._at_accepted = status.accepted, self.arrived_s, counts
+        grown = {key: counts[key] - self._at_accepted[key] for key in (*REJECTED, "errors")}
+        causes = [rejected(grown), ""]
+        if grown["errors"]:
+            causes[1] = f"{counted(grown['errors'], *CAUSES['errors'])}: {self.last_error}"
+        self.unusable = "; ".join(filter(None, causes))
+        self.unusable_s = (self.arrived_s or 0.0) - (self._accepted_s or 0.0) if self.unusable else 0.0
+
+    @property
+    def unusable_line(self) -> str:
+        """That no sample could be used for some time, with the causes; empty while samples can be used."""
+        is_short = self.unusable_s <= UNUSABLE_AFTER_S
+        return "" if is_short else f"no usable sample for {self.unusable_s:.1f} s: {self.unusable}"
 
     @property
     def causes(self) -> str:
@@ -256,6 +292,7 @@ def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline, ahead_s: 
         (seen.fault is not None, ERROR, lambda: seen.fault or ""),
         (silent is None, ERROR if name == SEAT else WARN, lambda: "no message yet"),
         ((silent or 0.0) > SILENT_AFTER_S, ERROR if name == SEAT else WARN, lambda: f"silent for {silent:.1f} s"),
+        (bool(health.unusable_line), ERROR if name == SEAT else WARN, lambda: health.unusable_line),
         (health.publishers > 1, WARN, lambda: f"{health.publishers} publishers on its topic, one is allowed"),
         (bool(health.causes), WARN, lambda: health.causes),
         (seen.waiting is not None, WARN, lambda: seen.waiting or ""),
@@ -302,6 +339,7 @@ def prediction_status(
     if silent is None or silent > SILENT_AFTER_S:  # while the seat sends, a second, faulty publisher stops nothing
         absence = "has sent nothing" if silent is None else f"is silent for {silent:.1f} s"
         stopped = stopped or seat.wrong_type or seat.incompatible_qos or absence
+    stopped = stopped or (f"has {seat.unusable_line}" if seat.unusable_line else None)
     divergences = growth.by.get("divergences", 0)
     lasting, fit_unknown = pipeline.fit_monitor.lasting(), pipeline.fit_unknown
     checks: list[tuple[bool, int, Callable[[], str]]] = [

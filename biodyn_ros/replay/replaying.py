@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_core.body.subject import Subject
 from biodyn_core.conditioning.conditioner import Mode
@@ -23,13 +24,14 @@ from biodyn_ros import __version__
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.bag.blocks import measured_blocks, predicted_blocks
 from biodyn_ros.bag.cdr import ACCEL_STAMPED_TYPE, encode_accel_stamped
+from biodyn_ros.bag.files import files_of_directory
 from biodyn_ros.bag.trajectories import JOINT_TRAJECTORY_TYPE
 from biodyn_ros.base import topics
-from biodyn_ros.base.files import check_directory, make_directory, remove
+from biodyn_ros.base.files import check_directory, check_keeps_inputs, make_directory, remove
 from biodyn_ros.base.json_files import write_json
 from biodyn_ros.base.progress import OnProgress, ignore_progress
 from biodyn_ros.reading.gravity import gravity_of_part
-from biodyn_ros.reading.parts import Bag, part_of
+from biodyn_ros.reading.parts import Bag, BagPart, part_of
 from biodyn_ros.reading.sensors import ReadingOptions, check_seat, open_sensors
 from biodyn_ros.replay.traces import Traces
 from biodyn_ros.reports.exposure_json import exposure_document
@@ -108,9 +110,10 @@ def replay_to_directory(
     """Replay a bag into a directory: `predicted.mcap`, `exposure.json`, `report.html`; no file is left half-written.
 
     The directory is made with the first output, so that a refused bag leaves none. Files that are not requested are
-    deleted, if an earlier replay wrote them.
+    deleted, if an earlier replay wrote them. Raises InputError where that would delete the bag itself.
     """
     check_directory(directory)
+    _check_predicted(directory / PREDICTED, part_of(bag))
     listeners: list[Callable[[Frames], None]] = []
     with contextlib.ExitStack() as open_files:
         if report:
@@ -137,6 +140,14 @@ def replay_to_directory(
     else:
         remove(directory / REPORT)
     return replayed
+
+
+def _check_predicted(path: Path, part: BagPart) -> None:
+    """Raise InputError for a path that an earlier replay did not write: a directory, or a file of the bag itself."""
+    if path.is_dir():
+        raise InputError(f"{path}: is a directory; a result has this name: give another directory for the results")
+    for bag in filter(None, (part.path, part.rest_bag)):
+        check_keeps_inputs(path, files_of_directory(bag, []) if bag.is_dir() else [bag])
 
 
 class _PredictedBag:

@@ -25,7 +25,9 @@ from biodyn_core.pipeline.run_status import RunStatus
 from biodyn_ros.base.wording import (
     INTERVAL_OF_MISFIT,
     MODEL,
+    REJECTED,
     left_range,
+    rejected,
     stuck,
 )
 from biodyn_ros.reading.marks import Mark
@@ -198,6 +200,11 @@ def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
         lines += [f"{name}: {text}" for text in status.warnings]
         if status.set_back_s > 0.0:
             lines.append(f"{name}: its stamps jumped back by {status.set_back_s:.3f} s in total: was its clock set?")
+        if status.rejected:
+            causes = rejected({cause: getattr(status, cause) for cause in REJECTED})
+            lines.append(f"{name}: {counted(status.rejected, 'sample')} rejected: {causes}")
+        if status.unusable_s > 0.0:
+            lines.append(f"{name}: the last {status.unusable_s:.3f} s have no usable sample")
         if status.flat:
             lines.append(f"{name}: {stuck(status.flat)}")
         lost = pipeline.losses(name)

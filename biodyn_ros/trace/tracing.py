@@ -35,6 +35,7 @@ from biodyn_ros.trace.refit import refit_of
 from biodyn_ros.trace.report import Report
 from biodyn_ros.work.tasks import Monitor
 
+SUBJECT: Final = "subject.yaml"
 PAGE: Final = "trace.html"
 
 
@@ -129,7 +130,7 @@ def write_traced(traced: Report, directory: Path, report: bool = True, given_yam
     """
     make_directory(directory)
     as_given = None if traced.trace.adds else given_yaml
-    write_text(directory / "subject.yaml", as_given or traced_subject(traced).to_yaml())
+    write_text(directory / SUBJECT, as_given or traced_subject(traced).to_yaml())
     write_json(directory / "trace.json", trace_document(traced))
     if report:
         from biodyn_ros.reports.pages import write_drawn  # an extra of its own
