@@ -17,6 +17,7 @@ from scipy import ndimage, signal
 
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
+from biodyn_core.base.wording import counted
 from biodyn_core.recording.flags import stretches
 from biodyn_core.recording.recording import WARM_UP_S
 from biodyn_core.sessions.bins import Bins
@@ -212,7 +213,7 @@ def _early_line(early: Sequence[Group], begin_s: float) -> str:
     first, last = early[0], early[-1]
     shocks = f"a shock at {first.peak_s:.1f} s is"
     if len(early) > 1:
-        shocks = f"{len(early)} shocks from {first.peak_s:.1f} to {last.peak_s:.1f} s are"
+        shocks = f"{counted(len(early), 'shock')} from {first.peak_s:.1f} to {last.peak_s:.1f} s are"
     return f"{shocks} left out: the seat's samples begin at {begin_s:.1f} s, and {WARM_UP_S:g} s of warm-up are needed"
 
 
