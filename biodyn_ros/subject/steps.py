@@ -73,7 +73,7 @@ class StepLog:
         return self._add(Step(name, "skipped", reason=reason))
 
     def forget(self, name: str) -> None:
-        """Forget a finished step before its files are written anew: a run that is stopped may mix old and new ones."""
+        """Forget a finished step before its files are written: a run that is stopped may leave old and new ones."""
         if self._done.pop(name, None):
             write_json(self.path, self.document())
 
