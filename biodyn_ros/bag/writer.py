@@ -84,7 +84,8 @@ class BagWriter:
 
     The bag is written under a temporary name beside the path and renamed when it is closed; after an exception it is
     removed. compression is "none", "lz4" or "zstd"; chunk_bytes is the uncompressed size of a chunk.
-    InputError for an unknown compression, a path that exists (unless overwrite) or one that cannot be written.
+    InputError for an unknown compression, a path that exists (unless overwrite), and, when it is entered, a path that
+    cannot be written.
     """
 
     def __init__(
@@ -103,12 +104,20 @@ class BagWriter:
         self._pending_bytes = 0
         self._last_ns: dict[int, int] = {}
         self._complete_ns = _NEVER
-        self._file = self._open()
-        self._put(MAGIC)
-        self._append(self._records.Header(profile="ros2", library="biodyn"))
+        self._directory = self._path.suffix != ".mcap"
+        self._part = self._path.with_name(f".{self._path.name}.{os.getpid()}.part")
+        self._file: BinaryIO  # from __enter__ on
 
     def __enter__(self) -> BagWriter:
-        return self
+        """Open the bag; an interruption at any point leaves no file."""
+        try:
+            self._file = self._open()
+            self._put(MAGIC)
+            self._append(self._records.Header(profile="ros2", library="biodyn"))
+            return self  # noqa: TRY300 - an interruption may come before this line too
+        except BaseException:
+            self.discard()
+            raise
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
@@ -189,7 +198,7 @@ class BagWriter:
 
     def discard(self) -> None:
         """Remove the unfinished bag."""
-        with suppress(OSError):  # on a full disk the buffered bytes fail again
+        with suppress(OSError, AttributeError):  # on a full disk the buffered bytes fail again; or it is not open yet
             self._file.close()
         if self._directory:
             shutil.rmtree(self._part, ignore_errors=True)
@@ -197,8 +206,6 @@ class BagWriter:
             self._part.unlink(missing_ok=True)
 
     def _open(self) -> BinaryIO:
-        self._directory = self._path.suffix != ".mcap"
-        self._part = self._path.with_name(f".{self._path.name}.{os.getpid()}.part")
         try:
             if not self._directory:
                 return self._part.open("wb")

@@ -30,9 +30,11 @@ def write_text(path: Path, text: str, errors: str = "strict", mode: int = 0o666)
             file.flush()
             os.fsync(file.fileno())
         part.replace(path)
-    except OSError as error:
+    except BaseException as error:  # an interruption too leaves no file
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
+        if not isinstance(error, OSError):
+            raise
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
 
 
@@ -45,9 +47,11 @@ def keep_copy(path: Path) -> Path:
     try:
         shutil.copyfile(path, part)
         part.replace(copy)
-    except OSError as error:
+    except BaseException as error:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
+        if not isinstance(error, OSError):
+            raise
         raise InputError(f"{copy}: the earlier {path.name} cannot be kept ({error.strerror})") from None
     return copy
 

@@ -131,7 +131,7 @@ def replay_to_directory(
                 listen(frames)
 
         replayed = replay(bag, subject, options, each, progress)
-    _make(directory)
+    make_directory(directory)
     write_json(directory / "exposure.json", replayed.document)
     if not predicted:
         remove(directory / PREDICTED)
@@ -189,9 +189,12 @@ class _PredictedBag:
             self._writer.write(topics.absolute(name), np.array([last_ns]), payload)
 
     def _begin(self) -> BagWriter:
-        self._open_files.push(_unmake_on_failure(_make(self._directory)))
-        path = self._directory / PREDICTED
-        writer = self._open_files.enter_context(BagWriter(path, compression="lz4", overwrite=True))
+        # Each removal is registered before the work that it undoes: an interruption may come between two lines.
+        self._open_files.push(_unmake_on_failure(_new_directories(self._directory)))
+        make_directory(self._directory)
+        writer = BagWriter(self._directory / PREDICTED, compression="lz4", overwrite=True)
+        self._open_files.push(writer)
+        writer.__enter__()
         writer.add_metadata("biodyn", self._metadata)
         for topic in (*topics.PREDICTED.values(), *topics.MEASURED.values()):
             writer.add_topic(topics.absolute(topic), ACCEL_STAMPED_TYPE)
@@ -200,19 +203,17 @@ class _PredictedBag:
         return writer
 
 
-def _make(directory: Path) -> list[Path]:
-    """Make a directory; return the new directories, innermost first."""
-    made = [path for path in (directory, *directory.parents) if not path.exists()]
-    make_directory(directory)
-    return made
+def _new_directories(directory: Path) -> list[Path]:
+    """The directories that do not exist yet, innermost first."""
+    return [path for path in (directory, *directory.parents) if not path.exists()]
 
 
-def _unmake_on_failure(made: list[Path]) -> Callable[..., None]:
+def _unmake_on_failure(new: list[Path]) -> Callable[..., None]:
     """An exit callback that removes empty directories after an error."""
 
     def leave(kind: type[BaseException] | None, *_: object) -> None:
         with contextlib.suppress(OSError):
-            for path in made if kind else []:
+            for path in new if kind else []:
                 path.rmdir()
 
     return leave
