@@ -198,15 +198,15 @@ def test_an_interrupted_play_ends_with_zero_and_an_interrupted_replay_leaves_not
                 assert player.returncode == 0, errors
                 assert "Traceback" not in errors
             graph.wait(lambda: tester.count_publishers(topics.INPUT[SEAT]) == 0, "the player is gone")
-        out = tmp_path / "out"
-        with child(graph, "replay", bag, "--subject", "subject_1", "-o", str(out)) as replay_:
-            graph.wait(lambda: any(out.glob("*.part*")) or any(out.glob(".*part*")), "the replay writes")
+        long, out = write_bag(tmp_path / "long.mcap", noisy_streams(60.0)), tmp_path / "out"
+        with child(graph, "replay", str(long), "--subject", "subject_1", "-o", str(out)) as replay_:
+            graph.wait(lambda: any(out.glob(".predicted.mcap.*.part")), "the replay writes")
             replay_.send_signal(signal.SIGINT)
             _, errors = replay_.communicate(timeout=20)
         # Python may re-raise the signal at its very end; a shell calls both 130.
         assert replay_.returncode in (130, -signal.SIGINT), errors
         assert errors.strip().splitlines()[-1] == "biodyn replay: interrupted"
-        assert not out.exists()
+        assert sorted(tmp_path.iterdir()) == [long], sorted(out.iterdir())
 
 
 _INTERRUPTED_TIMER = """
