@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import re
+import socket
 from collections.abc import Awaitable, Callable
 from contextlib import asynccontextmanager
 
@@ -112,12 +113,37 @@ def test_a_new_client_receives_the_last_minute_and_then_updates():
         for k in range(20):
             page.hub.add(snapshot(0.2 * k))
         async with client.get(page.url("/events")) as answer:
+            kind, clock_ms = await read_event(answer.content)
+            assert (kind, clock_ms) == ("clock", pytest.approx(hub.clock_ms(), abs=5000.0))
             kind, minute = await read_event(answer.content)
             assert kind == "history"
             assert len(minute["measured"]["begin_s"]) == 40
             page.hub.add(snapshot(4.0, text="now"))
             kind, now = await read_event(answer.content)
             assert (kind, now["text"]) == ("snapshot", "now")
+            assert clock_ms <= now["received_ms"] <= hub.clock_ms()
+
+    visit(steps)
+
+
+def test_a_slow_client_misses_snapshots_instead_of_receiving_them_late():
+    """It reads nothing for a while: what it reads then is little that is old, then the present."""
+
+    async def steps(page, client):
+        reader, writer = await asyncio.open_connection("127.0.0.1", page.port, limit=1 << 12)
+        writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 12)
+        writer.write(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        for k in range(400):
+            page.hub.add(snapshot(0.25 * k, text=f"number {k} " + "x" * 10_000))
+            await asyncio.sleep(0.002)
+        received = b""
+        while b"present" not in received:
+            with contextlib.suppress(asyncio.TimeoutError):
+                received += await asyncio.wait_for(reader.read(1 << 16), 0.2)
+                continue
+            page.hub.add(snapshot(0.25 * 400, text="present"))
+        assert len(received) < 500_000
+        writer.close()
 
     visit(steps)
 

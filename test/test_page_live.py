@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import os
 import re
 import shutil
 import signal
 import socket
 import subprocess
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -22,6 +25,7 @@ from ros import STARTUP_S, child
 from streams import noisy_streams, subject, write_bag
 
 from biodyn_core.body.synthesis import ImuStream
+from biodyn_ros.node.live import SNAPSHOT_RATE_HZ
 
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
@@ -155,6 +159,7 @@ def test_a_ride_in_chromium(graph, bag, subject_file, browser, tmp_path):
             it_shows_a_dead_sensor(browser)
             marks_and_resets(browser)
         it_reports_a_silent_seat(browser)
+        it_tells_the_age_of_late_data(browser, address)
         it_goes_stale_when_the_node_is_killed(browser, node)
     with child(graph, *node_arguments(port, subject_file)) as node:
         assert link(node) == address, "the link stays valid"
@@ -292,6 +297,71 @@ def it_reports_a_silent_seat(browser: Browser) -> None:
     assert browser.text("#headline") == "Undecided: no assessment of the seat"
     assert browser.text("#left-action") == "withheld"
     assert browser.page.evaluate("getComputedStyle(document.querySelector('main')).opacity") == "0.45"
+
+
+def it_tells_the_age_of_late_data(browser: Browser, address: str) -> None:
+    """Over a connection that carries half of the data."""
+    place = urlsplit(address)
+    assert place.hostname is not None
+    assert place.port is not None
+    with throttled(place.hostname, place.port) as connection:
+        browser.page.goto(address.replace(f":{place.port}/", f":{connection.port}/"))
+        browser.until("snapshot && !document.body.classList.contains('stale')")
+        sent = browser.page.evaluate("JSON.stringify(snapshot).length") * SNAPSHOT_RATE_HZ
+        connection.rate_bytes_per_s = 0.5 * sent
+        browser.until("/^Data are \\d+ s old$/.test($('headline').innerText)", 30.0)
+        assert browser.page.evaluate("document.body.dataset.tone") == "none"
+        assert "connection to the page is too slow" in browser.text("#reason")
+        connection.rate_bytes_per_s = math.inf
+        browser.until("!document.body.classList.contains('stale')", 30.0)
+    browser.page.goto(address)
+    browser.requests = [url for url in browser.requests if f":{connection.port}/" not in url]
+    browser.until("snapshot && !document.body.classList.contains('stale')")
+
+
+class Throttled:
+    """Passes connections on to a server, and back at a limited rate, through small buffers."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self.rate_bytes_per_s = math.inf
+        self._target = host, port
+        self._server = socket.create_server((host, 0))
+        self.port = int(self._server.getsockname()[1])
+
+    def start(self) -> None:
+        """Accept connections, in threads."""
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def close(self) -> None:
+        """Accept no more."""
+        self._server.close()
+
+    def _accept(self) -> None:
+        with contextlib.suppress(OSError):  # closed
+            while True:
+                client, _ = self._server.accept()
+                upstream = socket.socket()
+                upstream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 12)
+                upstream.connect(self._target)
+                for source, sink, is_limited in ((client, upstream, False), (upstream, client, True)):
+                    threading.Thread(target=self._pump, args=(source, sink, is_limited), daemon=True).start()
+
+    def _pump(self, source: socket.socket, sink: socket.socket, is_limited: bool) -> None:
+        with contextlib.suppress(OSError), source, sink:
+            while data := source.recv(1 << 11):
+                sink.sendall(data)
+                if is_limited:
+                    time.sleep(len(data) / self.rate_bytes_per_s)
+
+
+@contextlib.contextmanager
+def throttled(host: str, port: int) -> Iterator[Throttled]:
+    connection = Throttled(host, port)
+    connection.start()
+    try:
+        yield connection
+    finally:
+        connection.close()
 
 
 def it_goes_stale_when_the_node_is_killed(browser: Browser, node: subprocess.Popen[str]) -> None:

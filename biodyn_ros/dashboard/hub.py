@@ -1,9 +1,10 @@
-"""The events for clients of the page: first the last minute, then every snapshot."""
+"""The events for clients of the page: first the clock and the last minute, then every snapshot with its time."""
 
 from __future__ import annotations
 
 import asyncio
 import json
+import time
 from collections import deque
 from itertools import pairwise
 from typing import Any, Final
@@ -21,6 +22,14 @@ MAX_CHARACTERS: Final = 1_000_000
 
 RECENT: Final = 12
 """A client that is further behind, three seconds, receives the last minute again."""
+
+_NONE: Final = -2
+"""A number after which no event is the next one."""
+
+
+def clock_ms() -> float:
+    """The clock of `received_ms` in each snapshot, of an arbitrary origin."""
+    return 1e3 * time.monotonic()
 
 
 class Hub:
@@ -47,10 +56,18 @@ class Hub:
                 if history and not 0.0 < each[0] - history[-1][0] <= HISTORY_S:
                     history.clear()  # another clock, a restarted bag, or a long gap
                 history.append(each)
+        snapshot["received_ms"] = clock_ms()
         self.number += 1
         self._recent.append((self.number, json.dumps(snapshot)))  # an event must be on one line
         added, self._added = self._added, asyncio.Event()
         added.set()
+
+    def first_events(self) -> list[str]:
+        """The events for a new client: the clock, from which the client finds the age of each snapshot, and the minute.
+
+        The clock is the first event, so that no other data delay it.
+        """
+        return [_event("clock", json.dumps(clock_ms()), self.number), *self.events(_NONE)]
 
     def events(self, since: int) -> list[str]:
         """The events after that number, oldest first; the last minute for a client that is new or far behind."""

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import os
 import signal
+import socket
 import threading
 from collections.abc import Callable
 from typing import Any, Final
@@ -30,6 +31,9 @@ FILES: Final = {"/": "index.html", "/page.js": "page.js", "/page.css": "page.css
 TYPES: Final = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 
 MAX_STREAMS: Final = 16
+UNSENT_BYTES: Final = 32_000
+"""Buffer of the system for a stream: three snapshots; without it the system keeps megabytes, that is minutes."""
+
 KEEP_ALIVE_S: Final = 1.0
 """Without a snapshot a stream sends a comment at this interval, which detects closed connections."""
 
@@ -81,6 +85,7 @@ class Site:
         self._streams += 1
         try:
             await response.prepare(request)
+            _bound_unsent(request)
             await self._follow(response)
         except (ConnectionError, asyncio.TimeoutError):
             if request.transport is not None:
@@ -90,12 +95,23 @@ class Site:
         return response
 
     async def _follow(self, response: web.StreamResponse) -> None:
-        number, events = self._hub.number, ["retry: 1000\n\n", *self._hub.events(-2)]
+        number, events = self._hub.number, ["retry: 1000\n\n", *self._hub.first_events()]
         while True:
-            await asyncio.wait_for(response.write("".join(events).encode()), RESPONSE_TIMEOUT_S)
+            data = "".join(events).encode()
+            for at in range(0, len(data), UNSENT_BYTES):  # a slow client may take longer for all of it
+                await asyncio.wait_for(response.write(data[at : at + UNSENT_BYTES]), RESPONSE_TIMEOUT_S)
             is_new = await self._hub.wait(number, KEEP_ALIVE_S)
             events = self._hub.events(number) if is_new else [": nothing new\n\n"]
             number = self._hub.number
+
+
+def _bound_unsent(request: web.BaseRequest) -> None:
+    """Bound the data that wait for a slow client: it misses snapshots instead of receiving all of them late."""
+    transport = request.transport
+    if transport is None:  # the client has disconnected
+        return
+    transport.set_write_buffer_limits(high=0)
+    transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, UNSENT_BYTES)
 
 
 def _check_method(request: web.BaseRequest, *allowed: str) -> None:

@@ -11,6 +11,7 @@ const $ = (id) => document.getElementById(id);
 
 let snapshot = null;
 let receivedAt = 0;
+let clockDifference = 0; // this clock minus the server's, plus the shortest delay of an event; ms
 let minute = {};
 
 // --- words -------------------------------------------------------------------------------------------------------
@@ -431,19 +432,25 @@ function intervals(of) {
 }
 
 function checkAge() {
-  const silent = performance.now() - receivedAt;
-  const stale = !snapshot || silent > STALE_MS;
+  const age = snapshot ? performance.now() - clockDifference - snapshot.received_ms : Infinity;
+  const stale = !(age <= STALE_MS);
   document.body.classList.toggle("stale", stale);
   if (!stale) return;
   document.body.dataset.tone = "none";
   $("sign").textContent = SIGN.none;
   if (!snapshot) return;
-  $("headline").textContent = `No data for ${Math.floor(silent / 1000)} s`;
-  $("reason").textContent = "No data from the node. The page shows the last known values.";
+  const isLate = performance.now() - receivedAt <= STALE_MS; // data arrive, but late
+  const seconds = Math.floor(age / 1000);
+  $("headline").textContent = isLate ? `Data are ${seconds} s old` : `No data for ${seconds} s`;
+  $("reason").textContent = isLate ? "The connection to the page is too slow. The page shows the values of that time."
+    : "No data from the node. The page shows the last known values.";
 }
 
 function listen() {
   const events = new EventSource("events");
+  events.addEventListener("clock", (event) => {
+    clockDifference = performance.now() - JSON.parse(event.data);
+  });
   events.addEventListener("history", (event) => {
     minute = {};
     remember(JSON.parse(event.data));
@@ -452,8 +459,10 @@ function listen() {
   events.addEventListener("snapshot", (event) => {
     snapshot = JSON.parse(event.data);
     receivedAt = performance.now();
+    clockDifference = Math.min(clockDifference, receivedAt - snapshot.received_ms);
     remember(snapshot.strip);
     show(snapshot);
+    checkAge();
   });
   events.onerror = () => {
     if (events.readyState !== EventSource.CLOSED) return; // the browser reconnects by itself
