@@ -69,11 +69,12 @@ def test_the_guide_can_be_followed(desk: Path, monkeypatch: pytest.MonkeyPatch, 
 
 
 def run(text: str, capsys: Capture) -> None:
-    """Run the lines of a block in this process."""
+    """Run the lines of a block in this process; what pages show is tested elsewhere."""
     for line in text.strip().splitlines():
         command, _, target = line.partition(">")
         capsys.readouterr()
-        code = main(arguments_of(command))
+        with empty_drawings():
+            code = main(arguments_of(command))
         output = capsys.readouterr()
         assert code == 0, f"{line}\n{output.err}"
         if target:
@@ -169,8 +170,7 @@ def test_the_commands_of_the_tracing_protocol_run(
     known = yaml.safe_load(subject_file("subject_1").read_text(encoding="utf-8"))
     (tmp_path / "p01.yaml").write_text(yaml.safe_dump(known | {"name": "p01"}))
     monkeypatch.chdir(tmp_path)
-    with empty_drawings():
-        run("\n".join(commands("docs/recording_for_tracing.md")), capsys)
+    run("\n".join(commands("docs/recording_for_tracing.md")), capsys)
     for day in ("base", "null", "helmet"):
         # Too few and too short recordings: no verdict.
         assert json.loads((tmp_path / "out" / day / "trace.json").read_text())["verdict"] == "not_decidable"
