@@ -126,6 +126,20 @@ def test_a_new_client_receives_the_last_minute_and_then_updates():
     visit(steps)
 
 
+def test_data_of_two_nodes_of_one_name_are_marked_and_those_of_a_restarted_node_are_not(monkeypatch):
+    events, now_ms = Hub(), 0.0
+    monkeypatch.setattr(hub, "clock_ms", lambda: now_ms)
+
+    def marked(source: str) -> bool:
+        events.add(json.dumps({"strip": {}, "source": source}))
+        return bool(json.loads(events.events(events.number - 1)[0].split("data: ")[1])["is_mixed"])
+
+    assert [marked(source) for source in "aaabbbb"] == [False] * 7
+    assert [marked(source) for source in "ccdcdd"] == [False, False, False, True, True, True]
+    now_ms = hub.MIXED_MS
+    assert [marked(source) for source in "dddee"] == [False] * 5
+
+
 def test_a_slow_client_misses_snapshots_instead_of_receiving_them_late():
     """It reads nothing for a while: what it reads then is little that is old, then the present."""
 

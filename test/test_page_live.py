@@ -164,6 +164,9 @@ def test_a_ride_in_chromium(graph, bag, subject_file, browser, tmp_path):
     with child(graph, *node_arguments(port, subject_file)) as node:
         assert link(node) == address, "the link stays valid"
         it_comes_back(browser)
+        with child(graph, "live"):
+            it_withholds_what_two_nodes_send(browser)
+        browser.until("$('headline').innerText != 'Undecided: several nodes'")
     assert browser.page.title() == "biodyn live", "names are text"
     leaving = [url for url in browser.requests if not url.startswith((f"http://127.0.0.1:{port}/", "data:"))]
     assert leaving == []
@@ -374,6 +377,11 @@ def it_goes_stale_when_the_node_is_killed(browser: Browser, node: subprocess.Pop
 
 def it_comes_back(browser: Browser) -> None:
     browser.until("!document.body.classList.contains('stale')")
+
+
+def it_withholds_what_two_nodes_send(browser: Browser) -> None:
+    browser.until("document.body.dataset.tone == 'none' && $('headline').innerText == 'Undecided: several nodes'")
+    assert "Give each a name of its own" in browser.text("#reason")
 
 
 DRAWN = """() => {

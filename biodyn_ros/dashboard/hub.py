@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import time
 from collections import deque
 from itertools import pairwise
@@ -23,6 +24,9 @@ MAX_CHARACTERS: Final = 1_000_000
 RECENT: Final = 12
 """A client that is further behind, three seconds, receives the last minute again."""
 
+MIXED_MS: Final = 5000.0
+"""Data count as those of several nodes for so long after a source returned."""
+
 _NONE: Final = -2
 """A number after which no event is the next one."""
 
@@ -38,6 +42,8 @@ class Hub:
     def __init__(self) -> None:
         self.number = 0
         self._recent: deque[tuple[int, str]] = deque(maxlen=RECENT)
+        self._sources: dict[str, float] = {}
+        self._mixed_ms = -math.inf
         self._history: dict[str, deque[tuple[float, Any, Any]]] = {}
         self._added = asyncio.Event()
 
@@ -56,7 +62,7 @@ class Hub:
                 if history and not 0.0 < each[0] - history[-1][0] <= HISTORY_S:
                     history.clear()  # another clock, a restarted bag, or a long gap
                 history.append(each)
-        snapshot["received_ms"] = clock_ms()
+        snapshot |= {"received_ms": clock_ms(), "is_mixed": self._is_mixed(str(snapshot.get("source")))}
         self.number += 1
         self._recent.append((self.number, json.dumps(snapshot)))  # an event must be on one line
         added, self._added = self._added, asyncio.Event()
@@ -85,6 +91,16 @@ class Hub:
         except asyncio.TimeoutError:
             return False
         return True
+
+    def _is_mixed(self, source: str) -> bool:
+        """Whether several nodes of one name send: then a source returns after another one, unlike that of a restart."""
+        now_ms, last = clock_ms(), next(reversed(self._sources), source)
+        if source != last and source in self._sources:
+            self._mixed_ms = now_ms
+        self._sources.pop(source, None)
+        self._sources[source] = now_ms  # the last
+        self._sources = {each: at_ms for each, at_ms in self._sources.items() if now_ms - at_ms < MIXED_MS}
+        return now_ms - self._mixed_ms < MIXED_MS
 
     def _minute(self) -> dict[str, Any]:
         return {

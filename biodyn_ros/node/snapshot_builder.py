@@ -7,6 +7,7 @@ from collections.abc import Container, Iterable
 from dataclasses import asdict, replace
 from itertools import takewhile
 from typing import Any, Final
+from uuid import uuid4
 
 import numpy as np
 
@@ -51,6 +52,7 @@ class SnapshotBuilder:
         self._predicted, self._measured = MinMaxDownsampler(N_SEGMENTS), MinMaxDownsampler(N_SENSORS)
         self._bins: dict[str, Bins] = {}
         self._last_spread: AccelSpread | None = None
+        self._source = uuid4().hex
 
     def add(self, frames: Frames) -> None:
         """Add one push's frames; they must not be written to afterwards."""
@@ -74,6 +76,7 @@ class SnapshotBuilder:
         extrapolated = run.is_extrapolating and seat is not None
         return {
             "version": __version__,
+            "source": self._source,
             "subject": pipeline.subject.name,
             "mass_matrix": pipeline.subject.mass_matrix,
             "origin": ORIGIN[origin_of(pipeline.subject)],

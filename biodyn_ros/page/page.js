@@ -431,19 +431,29 @@ function intervals(of) {
     + (of.fit.fits === false ? " It does not hold now, because the model does not fit." : "");
 }
 
-function checkAge() {
+// Withhold the assessment while the data are late, absent, or of several nodes.
+function checkSource() {
   const age = snapshot ? performance.now() - clockDifference - snapshot.received_ms : Infinity;
-  const stale = !(age <= STALE_MS);
-  document.body.classList.toggle("stale", stale);
-  if (!stale) return;
+  const fresh = age <= STALE_MS;
+  const sound = fresh && !snapshot.is_mixed;
+  document.body.classList.toggle("stale", !sound);
+  if (sound) return;
   document.body.dataset.tone = "none";
   $("sign").textContent = SIGN.none;
   if (!snapshot) return;
-  const isLate = performance.now() - receivedAt <= STALE_MS; // data arrive, but late
   const seconds = Math.floor(age / 1000);
-  $("headline").textContent = isLate ? `Data are ${seconds} s old` : `No data for ${seconds} s`;
-  $("reason").textContent = isLate ? "The connection to the page is too slow. The page shows the values of that time."
-    : "No data from the node. The page shows the last known values.";
+  if (fresh) {
+    say("Undecided: several nodes", "Several nodes of one name send data to this page. Give each a name of its own: --ros-args -r __node:=NAME");
+  } else if (performance.now() - receivedAt <= STALE_MS) {
+    say(`Data are ${seconds} s old`, "The connection to the page is too slow. The page shows the values of that time.");
+  } else {
+    say(`No data for ${seconds} s`, "No data from the node. The page shows the last known values.");
+  }
+}
+
+function say(headline, reason) {
+  $("headline").textContent = headline;
+  $("reason").textContent = reason;
 }
 
 function listen() {
@@ -462,7 +472,7 @@ function listen() {
     clockDifference = Math.min(clockDifference, receivedAt - snapshot.received_ms);
     remember(snapshot.strip);
     show(snapshot);
-    checkAge();
+    checkSource();
   });
   events.onerror = () => {
     if (events.readyState !== EventSource.CLOSED) return; // the browser reconnects by itself
@@ -533,5 +543,5 @@ buttons();
 $("channel").addEventListener("change", () => { facts(snapshot); draw(); });
 addEventListener("resize", draw);
 addEventListener("hashchange", () => location.reload());
-setInterval(checkAge, 250);
+setInterval(checkSource, 250);
 listen();
