@@ -16,11 +16,13 @@ from streams import in_bursts, in_turn, noisy_streams, quantised, run
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SENSORS
 from biodyn_core.body.usual_residual import LEAST_WINDOWS, PROVENANCE, UsualResidual, usual_residuals
+from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.pipeline.fit_monitor import FitMonitor, squares_of
 from biodyn_core.pipeline.frames import MeasuredFrames
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.windows import SecondWindows
 from biodyn_core.signals.octaves import BAND_NAMES, EDGES_HZ, N_BANDS, octave_squares
+from biodyn_ros.reports.exposure_report import sensor_warnings
 
 RATE_HZ = 100
 NOISE_MPS2, SHARE = 0.03, 0.1
@@ -271,3 +273,40 @@ def test_the_pipeline_names_it_under_quantised_and_bursty_stamps_too(uneven: Cal
     pipeline = Pipeline(subject)
     run(tuple(streams), in_turn(tuple(streams)), pipeline=pipeline)
     assert [one.segment for one in pipeline.fit_monitor.misfits()] == ["head"]
+
+
+def test_it_is_unknown_whether_the_model_fits_until_the_largest_misfit_could_be_found() -> None:
+    """The head has a thousand times the usual residual, at 1 m/s^2 rms without a stop."""
+    rng = np.random.default_rng(3)
+    rows = 20 * RATE_HZ
+    stamps_ns = EPOCH_NS + np.rint(np.arange(rows) * 1e9 / RATE_HZ).astype(np.int64)
+    motion, residual = rng.standard_normal((rows, 5)), SHARE * rng.standard_normal((rows, 5))
+    residual[:, -1] *= 1000.0
+    monitor = FitMonitor(LAWS)
+    states = []
+    for second in range(20):
+        part = slice(second * RATE_HZ, (second + 1) * RATE_HZ)
+        accel = np.concatenate([motion[part, :1], motion[part] - residual[part]], axis=1)
+        monitor.push(MeasuredFrames(stamps_ns[part], accel, residual[part]), RATE_HZ)
+        states.append((monitor.unknown, [one.segment for one in monitor.lasting()]))
+    known = [not unknown for unknown, _ in states]
+    assert known == sorted(known) and 14 <= known.index(True) <= 16  # a window is whole with the sample behind it
+    assert all(found == (["head"] if is_known else []) for is_known, (_, found) in zip(known, states, strict=True))
+    assert states[0][0] == "no whole second in motion was compared, 15 s are needed"
+    assert states[8][0] in [f"only {n} s in motion were compared, 15 s are needed" for n in (8, 9)]
+    assert monitor.tested == MEASURED_SEGMENTS
+
+
+def test_a_segment_with_an_effect_of_its_sensor_is_not_tested() -> None:
+    """The usual residual is of the changed prediction, which streams are not compared with."""
+    provenance = {PROVENANCE: dict.fromkeys(MEASURED_SEGMENTS, LAW.to_dict())}
+    for sites, left in ((("head",), 4), (MEASURED_SEGMENTS, 0)):
+        effects = tuple(AppliedEffect(CATALOGUE["gain"], site, {"gain": 0.3}) for site in sites)
+        pipeline = Pipeline(dataclasses.replace(shipped("subject_1"), provenance=provenance, effects=effects))
+        assert pipeline.sensor_effects == dict.fromkeys(sites, "gain")
+        assert ("effects of its sensors" in pipeline.fit_unknown) == (left == 0)
+        streams = noisy_streams(20.0, "road")
+        run(streams, in_turn(streams), pipeline=pipeline)
+        assert set(pipeline.fit_monitor.tested) == set(MEASURED_SEGMENTS) - set(sites)
+        told = [line for line in sensor_warnings(pipeline, SENSORS) if "compared without the effect" in line]
+        assert [line.partition(":")[0] for line in told] == list(sites)

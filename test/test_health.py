@@ -337,16 +337,22 @@ def test_a_segment_that_does_not_fit_is_a_warning_and_a_mark_until_it_fits_again
     assert not node.monitor.marks  # these are the user's
 
 
-def test_whether_the_model_fits_is_unknown_before_a_second_in_motion() -> None:
+def test_whether_the_model_fits_is_unknown_before_enough_seconds_in_motion() -> None:
     still = tuple(
         dataclasses.replace(one, accel_mps2=np.zeros_like(one.accel_mps2) + one.accel_mps2.mean(axis=0))
         for one in noisy_streams(6.0)
     )
-    for streams, checks, fits in ((noisy_streams(6.0), 2, False), (still, 10, False), (noisy_streams(6.0), 10, True)):
+    drive, needed = noisy_streams(20.0, "road"), "15 s are needed"
+    for streams, checks, fits, tested in (
+        (drive, 2, f"unknown: no whole second in motion was compared, {needed}", "none"),
+        (still, 10, f"unknown: no whole second in motion was compared, {needed}", "none"),
+        (drive, 16, f"unknown: only 7 s in motion were compared, {needed}", "none"),
+        (drive, 38, "true", "pelvis, lower torso, upper torso, neck, head"),
+    ):
         node = Node(streams, with_spread(subject()))
         node.advance(checks)
-        found = node.statuses["prediction"].values["fits"]
-        assert found == ("true" if fits else "unknown: no whole second in motion was compared")
+        values = node.statuses["prediction"].values
+        assert (values["fits"], values["fit_tested"]) == (fits, tested)
 
 
 def test_whether_the_model_fits_is_unknown_for_a_subject_without_a_usual_residual() -> None:

@@ -375,8 +375,8 @@ def test_a_report_has_the_spreads_of_its_pipeline_or_the_reason():
     assert exposure_report(Pipeline(with_spread(subject()))).no_interval == "no whole second was predicted"
 
 
-def test_without_a_whole_second_in_motion_it_is_unknown_whether_the_model_fits(tmp_path):
-    streams, why = noisy_streams(), "no whole second in motion was compared"
+def test_without_enough_motion_it_is_unknown_whether_the_model_fits(tmp_path):
+    streams, why = noisy_streams(20.0, "road"), "no whole second in motion was compared, 15 s are needed"
     of_seat = [cut for cut in in_turn(streams) if cut[0] == "seat"]
     seat = run(streams, of_seat, pipeline=Pipeline(with_spread(subject())))
     found = exposure_report(seat.pipeline)
@@ -385,7 +385,11 @@ def test_without_a_whole_second_in_motion_it_is_unknown_whether_the_model_fits(t
         assert f"Unknown: {why}." in shown
     fitted = exposure_report(run(streams, in_turn(streams), pipeline=Pipeline(with_spread(subject()))).pipeline)
     assert exposure_document(fitted)["not_monitored"] is None
+    assert exposure_document(fitted)["monitored"] == list(MEASURED_SEGMENTS)
     assert "The model fits as it did in its held-out events." in summary(fitted)
+    partly = replace(fitted, monitored=("head", "lower_torso"))
+    for shown in (summary(partly), page_of(tmp_path, report(monitored=("head", "lower_torso"))).text):
+        assert " (tested: lower torso, head)." in shown
 
 
 def test_zero_and_a_segment_that_was_not_counted_have_no_interval(tmp_path):

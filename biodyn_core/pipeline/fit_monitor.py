@@ -17,13 +17,12 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS
-from biodyn_core.body.usual_residual import LEAST_SQUARE, UsualResidual
+from biodyn_core.body.subject import Subject
+from biodyn_core.body.usual_residual import LEAST_SQUARE, UsualResidual, usual_residuals
+from biodyn_core.effects import SensorTransform, active
 from biodyn_core.pipeline.frames import MeasuredFrames
 from biodyn_core.pipeline.windows import LEAST_COVERED, WINDOW_NS, SecondWindows, Window
 from biodyn_core.signals.octaves import octave_squares
-
-NOT_TESTED: Final = "no whole second in motion was compared"
-"""Why it is unknown whether the model fits a subject with a usual residual."""
 
 MOST_ENDED: Final = 1000
 """Times of misfit that are remembered."""
@@ -46,6 +45,11 @@ class MonitorSettings:
     recent: int = 10
     moving: float = 5.0
 
+    @property
+    def least_windows(self) -> int:
+        """Windows in motion before the largest misfit could be found: a test of fewer says nothing."""
+        return math.ceil(self.threshold / (self.largest_excess - self.allowance))
+
 
 @dataclass(frozen=True)
 class Misfit:
@@ -66,6 +70,7 @@ class _Segment:
 
     name: str
     law: UsualResidual
+    windows: int = 0
     total: float = 0.0
     began_ns: int = 0
     failing: bool = False
@@ -74,17 +79,13 @@ class _Segment:
 
 
 class FitMonitor:
-    """`push` measured frames; read `misfits`. laws: the usual residual by segment; others are not tested.
-
-    has_tested: whether there was a window with motion, because other windows decide nothing.
-    """
+    """`push` measured frames; read `misfits`. laws: the usual residual by segment; others are not tested."""
 
     def __init__(self, laws: Mapping[str, UsualResidual], settings: MonitorSettings | None = None) -> None:
         self._settings = settings or MonitorSettings()
         self._windows = SecondWindows()
         self._segments = {name: _Segment(name, law) for name, law in laws.items()}
         self._ended: deque[Misfit] = deque(maxlen=MOST_ENDED)
-        self.has_tested = False
 
     def push(self, frames: MeasuredFrames, rate_hz: float) -> None:
         """Test the windows that these frames complete; rate_hz: of the seat's clock."""
@@ -99,6 +100,20 @@ class FitMonitor:
             if name in self._segments and not math.isnan(residual_square[column]):
                 self._test(self._segments[name], begin_ns, residual_square.item(column), predicted_squares[:, column])
 
+    @property
+    def tested(self) -> tuple[str, ...]:
+        """The segments with enough windows in motion for the test to find a misfit."""
+        return tuple(name for name, one in self._segments.items() if one.windows >= self._settings.least_windows)
+
+    @property
+    def unknown(self) -> str:
+        """Why it is unknown whether the model fits, while no segment is tested; empty if one is."""
+        if self.tested:
+            return ""
+        most = max((one.windows for one in self._segments.values()), default=0)
+        compared = f"only {most} s in motion were compared" if most else "no whole second in motion was compared"
+        return f"{compared}, {self._settings.least_windows} s are needed"
+
     def misfits(self) -> list[Misfit]:
         """All times of misfit, by their beginning."""
         return sorted([*self._ended, *self.lasting()], key=lambda one: one.begin_ns)
@@ -111,7 +126,7 @@ class FitMonitor:
         s, usual = self._settings, one.law.square(predicted, self._settings.least_share)
         if float(predicted.sum()) <= s.moving**2 * one.law.rest_square:
             return
-        self.has_tested = True
+        one.windows += 1
         excess = math.log(max(residual, LEAST_SQUARE) / usual)
         beyond = max(-s.largest_excess, min(s.largest_excess, excess)) - s.allowance
         if one.total == 0.0 and not one.failing:
@@ -124,6 +139,27 @@ class FitMonitor:
         elif len(one.recent) == s.recent and sum(one.recent) < 0.0:
             self._ended.append(Misfit(one.name, one.began_ns, begin_ns + WINDOW_NS, _ratio(one)))
             one.failing, one.total = False, 0.0
+
+
+def sensor_effects(subject: Subject) -> dict[str, str]:
+    """The names of the effects of sensors by segment; streams are compared without them, unlike in a fit."""
+    found: dict[str, list[str]] = {}
+    for applied, effect in active(subject.effects, SensorTransform):
+        found.setdefault(applied.site, []).append(effect.name)
+    return {segment: ", ".join(names) for segment, names in found.items()}
+
+
+def monitored_laws(subject: Subject) -> tuple[dict[str, UsualResidual], str]:
+    """The usual residuals that hold for streams, by segment, and why there are none, empty if there are.
+
+    That of a segment with an effect of its sensor is the residual of the changed prediction.
+    """
+    laws, why = usual_residuals(subject.provenance)
+    without = sensor_effects(subject)
+    left = {name: law for name, law in laws.items() if name not in without}
+    if laws and not left:
+        why = f"streams are compared without the effects of its sensors ({', '.join(without.values())})"
+    return left, why
 
 
 def squares_of(window: Window) -> tuple[Floats, Floats]:

@@ -19,7 +19,6 @@ from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.base.suggestions import known_are
 from biodyn_core.body.model import Chain
 from biodyn_core.body.subject import Subject
-from biodyn_core.body.usual_residual import usual_residuals
 from biodyn_core.conditioning.conditioned import Block, SensorStatus
 from biodyn_core.conditioning.conditioner import Conditioner, Mode, SettingsOf, settings_for
 from biodyn_core.conditioning.gravity import Gravity
@@ -31,7 +30,7 @@ from biodyn_core.exposure.losses import Losses
 from biodyn_core.pipeline.comparison import EarlyBlocks
 from biodyn_core.pipeline.exposure import Exposure, exposure_of
 from biodyn_core.pipeline.exposure_counter import ExposureCounter
-from biodyn_core.pipeline.fit_monitor import NOT_TESTED, FitMonitor
+from biodyn_core.pipeline.fit_monitor import FitMonitor, monitored_laws, sensor_effects
 from biodyn_core.pipeline.frames import (
     NO_FRAMES,
     NO_MEASURED,
@@ -59,6 +58,7 @@ class Pipeline:
     gravity: of sensors whose whole record was searched for rest, as is possible offline.
     conditioners, timelines, counter and predictor (None until the seat's rate is known) are the stages. fit_monitor
     tests the residual; not_monitored: why it does not, empty if it does. no_interval: why predictions have none.
+    sensor_effects: by segment, the effects of its sensor, which the comparison leaves out.
     """
 
     def __init__(
@@ -81,7 +81,8 @@ class Pipeline:
         self.timelines = Timelines(self.conditioners, self.settings.wait_s)
         self.counter = ExposureCounter(self.conditioners, self.timelines, self.settings)
         self.predictor: SeatPredictor | None = None
-        laws, self.not_monitored = usual_residuals(subject.provenance)
+        self.sensor_effects = sensor_effects(subject)
+        laws, self.not_monitored = monitored_laws(subject)
         self.fit_monitor = FitMonitor(laws)
         self._spread, self.no_interval = prediction_spread(subject)
         self._chain = Chain.of(subject)
@@ -213,7 +214,7 @@ class Pipeline:
     @property
     def fit_unknown(self) -> str:
         """Why it is unknown whether the model fits; empty if it is known."""
-        return self.not_monitored or ("" if self.fit_monitor.has_tested else NOT_TESTED)
+        return self.not_monitored or self.fit_monitor.unknown
 
     def _latency(self, predictor: SeatPredictor) -> dict[str, Latency]:
         delay_s = self.conditioners[SEAT].delay_s

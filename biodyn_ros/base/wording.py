@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Collection, Container, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
+from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.base.wording import counted, decimal_places, number
 
 if TYPE_CHECKING:
@@ -157,6 +158,17 @@ def parameter_name(name: str) -> str:
     """`natural_frequency_hz[head]` is "natural frequency, head"."""
     group, _, segment = name.partition("[")
     return f"{_GROUPS[group]}, {words(segment.rstrip(']'))}" if segment else _GROUPS[group]
+
+
+def compared_without(effects: str) -> str:
+    """That streams are compared with the prediction of the segment itself."""
+    return f"compared without the effect of its sensor ({effects}), which fit, validate and trace apply"
+
+
+def partly_tested(segments: Collection[str]) -> str:
+    """For which segments the fit was tested, " (tested: head, neck)"; empty if for all that have a sensor."""
+    names = [words(name) for name in MEASURED_SEGMENTS if name in segments]
+    return "" if len(names) == len(MEASURED_SEGMENTS) else f" (tested: {listed(names)})"
 
 
 def sentence(text: str) -> str:

@@ -32,6 +32,7 @@ from biodyn_ros.base.wording import (
     ORIGIN,
     REJECTED,
     left_range,
+    listed,
     misfit_line,
     rejected,
     words,
@@ -359,6 +360,7 @@ def prediction_status(
         "settling": str(is_settling(seen)).lower(),
         "last_mark": mark,
         "fits": f"unknown: {fit_unknown}" if fit_unknown else str(not lasting).lower(),
+        "fit_tested": listed(map(words, pipeline.fit_monitor.tested)),
         "origin": ORIGIN[origin_of(subject)],
         "intervals": f"none: {pipeline.no_interval}" if pipeline.no_interval else _interval_of(subject),
     }

@@ -36,6 +36,7 @@ from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import subject_file
 from biodyn_ros.base.shutdown import Shutdown
+from biodyn_ros.base.wording import compared_without
 from biodyn_ros.dashboard.child import PageChild
 from biodyn_ros.dashboard.settings import ServingSettings, check_page
 from biodyn_ros.node import params
@@ -145,6 +146,8 @@ class BiodynNode(LifecycleNode):
         conditioning, settings = params.read(self, ConditioningSettings), params.read(self, PipelineSettings)
         self._warn_of_slow_kernels(warm_up(subject))
         pipeline = Pipeline(subject, conditioning, settings, limits)
+        for name, effects in pipeline.sensor_effects.items():
+            self.get_logger().warning(f"{name}: {compared_without(effects)}")
         self._exposure, self._store, self._waiting = ContinuedExposure(pipeline), self._new_store(subject), []
         self._snapshots = SnapshotBuilder(self.settings.shock_mps2)
         self._sensors = Subscriptions(

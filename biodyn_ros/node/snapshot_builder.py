@@ -24,7 +24,7 @@ from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.shocks import Shock, Shocks
 from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
-from biodyn_ros.base.wording import ORIGIN, words
+from biodyn_ros.base.wording import ORIGIN, partly_tested, words
 from biodyn_ros.node.health import ERROR, SILENT_AFTER_S, Mark, Status
 from biodyn_ros.reports.downsampling import Bins, MinMaxDownsampler
 from biodyn_ros.reports.exposure_json import dri_document
@@ -127,7 +127,7 @@ def _status(status: Status) -> dict[str, Any]:
 
 
 def _fit(pipeline: Pipeline) -> dict[str, Any]:
-    """Whether the model fits, None while that is unknown; what does not fit now, and why it is unknown."""
+    """Whether the model fits, None while unknown; the misfits of now, why it is unknown, and what was tested."""
     lasting, unknown = pipeline.fit_monitor.lasting(), pipeline.fit_unknown
     return {
         "fits": None if unknown else not lasting,
@@ -135,6 +135,7 @@ def _fit(pipeline: Pipeline) -> dict[str, Any]:
             {"name": words(one.segment), "since_s": 1e-9 * one.begin_ns, "ratio": one.ratio} for one in lasting
         ],
         "unknown": unknown,
+        "tested": partly_tested(pipeline.fit_monitor.tested),
     }
 
 

@@ -196,7 +196,7 @@ function fit(of) {
   $("fits").textContent = of.fits === null ? "?" : of.fits ? "✓ fits" : "✕ does not fit";
   const found = of.misfits.map((one) => `${one.name} ${number(one.ratio)}`).join(", ");
   const since = clock(Math.min(...of.misfits.map((one) => one.since_s)));
-  const text = found ? `${found} times what is usual, since ${since}` : "as in events that it was not fitted to";
+  const text = found ? `${found} times what is usual, since ${since}` : `as in events that it was not fitted to${of.tested}`;
   $("misfits").textContent = of.fits === null ? of.unknown : text;
 }
 

@@ -14,6 +14,7 @@ from biodyn_ros.base.wording import (
     ends,
     misfit_line,
     number,
+    partly_tested,
     sentence,
     span,
     table,
@@ -163,7 +164,7 @@ def _misfit_lines(report: ExposureReport) -> list[str]:
     if report.not_monitored:
         return [f"Does the model fit? Unknown: {report.not_monitored}."]
     if not report.misfits:
-        return ["The model fits as it did in its held-out events."]
+        return [f"The model fits as it did in its held-out events{partly_tested(report.monitored)}."]
     lines = [misfit_line(one.segment, _span_of(one), one.ratio) for one in report.misfits]
     if "@" not in report.bag:
         first = report.misfits[0]

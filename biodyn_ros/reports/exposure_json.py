@@ -58,6 +58,7 @@ def exposure_document(report: ExposureReport) -> Document:
         "lifts_off": report.lifts_off,
         "misfits": [one._asdict() for one in report.misfits],
         "not_monitored": report.not_monitored or None,
+        "monitored": list(report.monitored),
         "latency": {output: latency._asdict() for output, latency in report.run.latency.items()},
         "warnings": list(report.warnings),
         "version": __version__,

@@ -26,6 +26,7 @@ from biodyn_ros.base.wording import (
     INTERVAL_OF_MISFIT,
     MODEL,
     REJECTED,
+    compared_without,
     left_range,
     rejected,
     stuck,
@@ -79,7 +80,8 @@ class ExposureReport:
     also_weighted: by weighting and sensor. seat: None before it has counted. joint_forces: predicted, by the segment
     above the joint. origin: of the subject's parameters. spreads: of the predicted figures, by segment; no_interval:
     why there is none, empty if there are. not_monitored: why it is unknown whether the model fits, empty if it is
-    known. warnings to is_made_by_model: of the bag; times: the stamps used, by sensor.
+    known; monitored: the segments for which it is. warnings to is_made_by_model: of the bag; times: the stamps used, by
+    sensor.
     """
 
     bag: str
@@ -107,6 +109,7 @@ class ExposureReport:
     no_interval: str = ""
     misfits: Sequence[MisfitTime] = ()
     not_monitored: str = ""
+    monitored: Sequence[str] = ()
     warnings: Sequence[str] = ()
     times: Mapping[str, str] = field(default_factory=dict)
     marks: Sequence[Mark] = ()
@@ -185,6 +188,7 @@ def exposure_report(pipeline: Pipeline, bag: str = "", project: bool = False) ->
         no_interval="" if since.spreads else pipeline.no_interval or NO_WINDOW,
         misfits=list(_misfits(pipeline)),
         not_monitored=pipeline.fit_unknown,
+        monitored=pipeline.fit_monitor.tested,
     )
 
 
@@ -198,6 +202,8 @@ def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
         elif status.rate_hz is None:
             lines.append(f"{name}: nothing counted, gravity was not found")
         lines += [f"{name}: {text}" for text in status.warnings]
+        if name in pipeline.sensor_effects:
+            lines.append(f"{name}: {compared_without(pipeline.sensor_effects[name])}")
         if status.set_back_s > 0.0:
             lines.append(f"{name}: its stamps jumped back by {status.set_back_s:.3f} s in total: was its clock set?")
         if status.rejected:
