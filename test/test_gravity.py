@@ -12,7 +12,7 @@ import pytest
 from conditioned import RATE_HZ, START_NS, Conditioned, raw, stamps
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from streams import independent_streams, info, subject, write_bag
+from streams import independent_streams, info, noisy_streams, subject, write_bag
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SENSORS
@@ -237,6 +237,24 @@ def test_a_shock_before_any_rest_is_counted(idle_bag: Path, vertical: str) -> No
     (message,) = (line for line in document["warnings"] if line.startswith("seat: no rest in the record"))
     assert "set rest_rms_mps2 above 0.4" in message
     assert ("the parameter vertical gives the direction" in message) is not bool(vertical)
+
+
+@pytest.mark.parametrize("sensor", ["head", "seat"])
+def test_a_sensor_with_its_rest_elsewhere_is_compared_from_the_start(tmp_path: Path, sensor: str) -> None:
+    """It is moved in the first second, so that its clock is known after ten seconds; the others rest at the start."""
+    rng = np.random.default_rng(0)
+    streams = []
+    for one in noisy_streams(16.0):
+        accel = one.accel_mps2.copy()
+        if one.sensor == sensor:
+            accel[: round(RATE_HZ)] += rng.normal(0.0, 2.0, (round(RATE_HZ), 3))
+        streams.append(dataclasses.replace(one, accel_mps2=accel))
+    document = replay(write_bag(tmp_path / "moved.mcap", streams), subject()).document
+    assert any(line.startswith(f"{sensor}: no rest at the start") for line in document["warnings"])
+    whole = replay(write_bag(tmp_path / "plain.mcap", noisy_streams(16.0)), subject()).document
+    for name, figures in whole["measured_low_passed"].items():
+        assert document["measured_low_passed"][name]["vdv_mps175"] == pytest.approx(figures["vdv_mps175"], rel=1e-3)
+        assert document["measured_low_passed"][name]["missing_s"] < 1.0
 
 
 def test_info_reports_the_gravity_that_replay_uses(idle_bag: Path) -> None:

@@ -78,6 +78,10 @@ class Pipeline:
             name: Conditioner(name, settings_for(name, conditioning), mode, verticals.get(name), known.get(name))
             for name in SENSORS
         }
+        # With known gravity a sensor sends nothing until its clock is known, after `rest_patience_s` at the latest.
+        waiting = (one for one in self.conditioners.values() if one.gravity is not None)
+        clock_s = max((one.settings.rest_patience_s for one in waiting), default=0.0)
+        self._wait_s = self.settings.wait_s + clock_s
         self.timelines = Timelines(self.conditioners, self.settings.wait_s)
         self.counter = ExposureCounter(self.conditioners, self.timelines, self.settings)
         self.predictor: SeatPredictor | None = None
@@ -86,7 +90,7 @@ class Pipeline:
         self.fit_monitor = FitMonitor(laws)
         self._spread, self.no_interval = prediction_spread(subject)
         self._chain = Chain.of(subject)
-        self._early = EarlyBlocks(2.0 * self.settings.wait_s)
+        self._early = EarlyBlocks(2.0 * self._wait_s)
         self._whole_runs: list[tuple[str, Block]] = []
 
     # --- samples in, frames out --------------------------------------------------------------------------------------
@@ -142,7 +146,7 @@ class Pipeline:
 
     def new_predictor(self, rate_hz: float) -> SeatPredictor:
         """A predictor at rest whose figures start at zero."""
-        return SeatPredictor(self._chain, rate_hz, self.settings.wait_s, self.settings.window_s, self._spread)
+        return SeatPredictor(self._chain, rate_hz, self._wait_s, self.settings.window_s, self._spread)
 
     def _compare(self, sensor: str, blocks: list[Block]) -> MeasuredFrames:
         if self.predictor is None:
@@ -220,7 +224,7 @@ class Pipeline:
         delay_s = self.conditioners[SEAT].delay_s
         rates = [meters.rate_hz for meters in self.counter.meters.values()]
         look_ahead_s = predictor.comparison.look_ahead() / min(rates)
-        compared = Latency(delay_s, look_ahead_s, self.settings.wait_s)
+        compared = Latency(delay_s, look_ahead_s, self._wait_s)
         predicted = Latency(delay_s, 0.0, 0.0)
         return {"predicted": predicted, "measured": compared, "residual": compared, "exposure": NO_LATENCY}
 

@@ -19,8 +19,8 @@ ENVELOPE_BINS: Final = 800
 BATCH_SAMPLES: Final = 4096
 """Frames are processed in batches of so many instants, because single blocks are too short. No figure depends on it."""
 
-RECENT_SAMPLES: Final = 1 << 16
-"""Predictions that are held for their measurement: 16 s at the highest rate, more than the largest wait_s."""
+RECENT_SAMPLES: Final = 1 << 18
+"""Predictions that are held for their measurement: 64 s at the highest rate, more than comparisons usually wait."""
 
 EVENT_SENSORS: Final = (SENSORS.index(SEAT), SENSORS.index(HEAD))
 
