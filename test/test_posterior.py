@@ -246,6 +246,8 @@ def test_fit_with_a_prior_writes_and_says_it(
     assert prior["name"] == "population" == document["settings"]["prior"] and prior["distance"] > 0.0
     assert prior["without"]["parameters"] != document["parameters"]
     assert document["held_out"][0]["without_prior"]["mean"] > 0.0
+    joint = document["joint"]
+    assert min(joint["starts"]["objectives"]) == joint["objective"]  # of one objective, that with the prior
     fitted = load_subject(output)
     assert fitted.provenance["prior"] == "population" and origin_of(fitted) == "person"
 

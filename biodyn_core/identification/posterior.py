@@ -72,6 +72,7 @@ def maximum_a_posteriori(alone: Fit, cases: Sequence[Case], prior: Distribution)
         alone.refined,
         theta=theta,
         objective=min(objective for _, objective in ends),
+        costs=np.sort([objective for _, objective in ends]),
         evaluations=alone.refined.evaluations + evaluations + data.evaluations,
     )
     return Fit.of(refined, cases, alone.subject, alone.settings, term)

@@ -130,7 +130,7 @@ def _interval_line(report: Report) -> str:
         return "predictions will have no 95 % interval: only the joint result has a covariance"
     if not known:
         return (
-            f"predictions will have no 95 % interval: {LEAST_WINDOWS} s or more of each segment are needed in events"
+            f"predictions will have no 95 % interval: {LEAST_WINDOWS} s or more of a segment are needed in events"
             " that are not fitted to"
         )
     held_out = ", ".join(f"{name} {windows} s" for name, windows in known.items())
