@@ -23,6 +23,7 @@ from biodyn_core.conditioning.gravity import Gravity
 from biodyn_core.sessions.bins import PIECE, Bins, Recut
 from biodyn_core.sessions.cases import CaseSpan, with_cases
 from biodyn_core.sessions.findings import Findings
+from biodyn_core.sessions.relative_drift import PhaseMeter, block_extent
 from biodyn_core.sessions.session import Session
 from biodyn_core.sessions.settings import SessionSettings
 from blind.sessions.finding import score_of
@@ -347,6 +348,27 @@ def test_the_drift_of_a_clock_is_found_with_its_error(ppm: float) -> None:
     assert name == "head"
     assert abs(found.drifts["head"].ppm - ppm) < 4.0 * found.drifts["head"].error_ppm < 4.0
     assert any(line.startswith("head: its clock drifts by ") for line in found.warnings)
+
+
+@pytest.mark.parametrize(("of_seat", "is_known"), [(0.0, False), (0.25, True)])
+def test_a_sensor_that_does_not_follow_the_seat_has_no_drift(of_seat: float, is_known: bool) -> None:
+    """Ten minutes each: the best drift of an independent sensor is that of chance."""
+
+    def noise(seed: int) -> Floats:
+        rows = np.random.default_rng(seed).standard_normal(30_000)
+        return np.asarray(signal.sosfilt(signal.butter(2, (1.0, 12.0), "bandpass", fs=50.0, output="sos"), rows))
+
+    for seed in range(12):
+        seat, meter = noise(2 * seed), PhaseMeter(0.02, 0.1)
+        sensor = noise(2 * seed + 1) + of_seat * seat
+        for number in range(len(seat)):
+            begin, end = block_extent(number)
+            if end > len(seat):
+                break
+            meter.add(number, seat[begin:end], sensor[begin:end], np.ones(end - begin, dtype=bool))
+        found = meter.drift()
+        assert (found is not None) == is_known
+        assert found is None or not found.is_sure(600.0, 4.0, 5e-4)
 
 
 def test_without_motion_there_is_no_drift() -> None:
