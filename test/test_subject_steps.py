@@ -34,9 +34,10 @@ from biodyn_ros.fit.summary import FitSummary, summary_of
 from biodyn_ros.reading.events_file import write_events
 from biodyn_ros.reading.parts import BagPart
 from biodyn_ros.reading.provenance import role_of, source_of
+from biodyn_ros.reports.verdict import Verdict
 from biodyn_ros.subject.making import Helpers, MadeSubject, SubjectOptions, make_subject
 from biodyn_ros.subject.page import subject_page, write_page
-from biodyn_ros.subject.people import Person, load_people, make_people
+from biodyn_ros.subject.people import Person, check_failed, load_people, make_people
 from biodyn_ros.subject.people_page import people_page, text_of, verdict_of
 from biodyn_ros.subject.steps import Step, StepLog, key_of
 from biodyn_ros.subject.text import document_of
@@ -341,6 +342,35 @@ def test_one_that_fails_does_not_stop_the_others(bag: Path, tmp_path: Path) -> N
         assert "no event in" in Page(people_page(rows, tmp_path / "out")).text
 
 
+def invented(name: str, directory: Path, **steps: Step) -> MadeSubject:
+    """A made subject of steps that are not run; those not given are done without a remark."""
+    done = {
+        "events": Step("events", "done", facts={"seconds": 600.0, "rests": 2}),
+        "fit": Step("fit", "done", facts={"fitted_percent": 8.0, "held_out_percent": 12.0}),
+        "validate": Step("validate", "done", facts={"events": []}),
+        "trace": Step("trace", "done", facts={"verdict": "none", "headline": "Nothing is missing.", "adds": False}),
+    }
+    return MadeSubject(name, directory, done | steps, None)
+
+
+def test_a_person_without_a_fit_has_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `biodyn subject` of that person alone, which has the exit code 2; ben has a fit, and his trace failed."""
+    unfitted = invented("anna", tmp_path, fit=Step("fit", "failed", reason="road_1: no segment has 1 s to compare"))
+    untraced = invented("ben", tmp_path, trace=Step("trace", "failed", reason="one event"))
+    documents = {made.name: document_of(made) for made in (unfitted, untraced)}
+    monkeypatch.setattr("biodyn_ros.subject.people.make_person", lambda person, *_: documents[person.name])
+    people = [Person(name, UNKNOWN, ("session.mcap",), "seat") for name in documents]
+    rows = make_people(people, tmp_path / "out", OPTIONS, None, lambda done, total: None)
+    assert [(row.name, row.state) for row in rows] == [("anna", "failed"), ("ben", "done")]
+    assert [row.document for row in rows] == list(documents.values())
+    stored = json.loads((tmp_path / "out" / "people.json").read_text())["people"]
+    assert [each["state"] for each in stored] == ["failed", "done"]
+    reason = "anna: fit: road_1: no segment has 1 s to compare."
+    assert verdict_of(rows) == Verdict("warn", "1 of 2 people done", (reason,))
+    with pytest.raises(InputError, match=r"^1 of 2 people failed: anna; see"):
+        check_failed(rows, tmp_path / "out")
+
+
 def killed_once(person: Person, directory: Path, options: SubjectOptions) -> dict[str, object]:
     """In the place of `make_person`: finds the events, and the first worker of ben dies after that."""
     directory.mkdir(exist_ok=True)
@@ -349,7 +379,7 @@ def killed_once(person: Person, directory: Path, options: SubjectOptions) -> dic
     if person.name == "ben" and not mark.exists():
         mark.touch()
         os.kill(os.getpid(), signal.SIGKILL)
-    return {"uses": {}}
+    return {"steps": [], "uses": {}}
 
 
 @pytest.mark.parametrize("where", ["processes:2", "cluster"])
