@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from biodyn_core.body.parameters import PARAMETERS, is_fitted
 from biodyn_core.body.subject import Subject
+from biodyn_core.identification.problem import Errors
 from biodyn_core.tracing.findings import Trace
 from biodyn_ros.base.wording import counted, number, parameter_name, with_interval
 from biodyn_ros.reading.provenance import Source, origins_of
@@ -59,13 +60,18 @@ class ParameterChange:
 
 @dataclass(frozen=True)
 class Refit:
-    """The refit of theta: its parameters, the recordings of both fits, and the errors in the events for fitting."""
+    """The refit of theta: its parameters, the recordings of both fits, and the errors in the events for fitting.
+
+    unstable: the number of these events in which the given subject diverges; a mean over the others is no comparison.
+    """
 
     changes: tuple[ParameterChange, ...]
     is_given_fitted: bool
     recordings: int
     given_recordings: int | None
     shared_recordings: int
+    events: int
+    unstable: int
     given_percent: float | None
     refitted_percent: float | None
 
@@ -85,10 +91,7 @@ class Refit:
         here = counted(self.recordings, "recording")
         if not self.is_given_fitted:
             return f"the given subject was not fitted: its parameters come from the {here} given here"
-        error = (
-            f"there the error is {number(self.given_percent)} % of the measured rms with the given parameters,"
-            f" {number(self.refitted_percent)} % with the refitted ones"
-        )
+        error = self._errors
         if not self.has_intervals:
             return (
                 f"refitted to the {here} given here; {error}; the given subject's file has no intervals to compare with"
@@ -101,6 +104,20 @@ class Refit:
         return (
             f"refitted to the {here} given here, {parameter_name(far.name)} goes from {far.given_text} to"
             f" {far.refitted_text}, outside its 95 % interval{more}: {self._validity}; {error}"
+        )
+
+    @property
+    def _errors(self) -> str:
+        """The errors with the given and with the refitted parameters."""
+        refitted = number(self.refitted_percent)
+        if self.unstable:
+            return (
+                f"there the model diverges in {self.unstable} of {counted(self.events, 'event')} with the given"
+                f" parameters, and the error is {refitted} % of the measured rms with the refitted ones"
+            )
+        return (
+            f"there the error is {number(self.given_percent)} % of the measured rms with the given parameters,"
+            f" {refitted} % with the refitted ones"
         )
 
     @property
@@ -131,14 +148,18 @@ def refit_of(trace: Trace, sources: Collection[Source]) -> Refit | None:
     if not trace.refitted:
         return None
     recordings, given = set(sources), {source for _, source in origins_of(trace.given, "fitted")}
+    events = [event for event in trace.events if event.use == "train"]
+    by_given = [event.given for event in events if event.given is not None]
     return Refit(
         changes=parameter_changes(trace),
         is_given_fitted=is_fitted(trace.given.parameters),
         recordings=len(recordings),
         given_recordings=len(given) or None,
         shared_recordings=sum(any(one.overlaps(known) for known in given) for one in recordings),
-        given_percent=_mean(trace, "given"),
-        refitted_percent=_mean(trace, "before"),
+        events=len(events),
+        unstable=sum(error.is_unstable for error in by_given),
+        given_percent=_mean(by_given),
+        refitted_percent=_mean([event.before for event in events]),
     )
 
 
@@ -157,7 +178,6 @@ def _percent(before: float, after: float) -> float | None:
     return 100.0 * (after - before) / before if before else None
 
 
-def _mean(trace: Trace, when: str) -> float | None:
-    """The mean error of a subject over the events for fitting."""
-    found = [getattr(event, when) for event in trace.events if event.use == "train"]
-    return mean_errors([error for error in found if error is not None])["all"]
+def _mean(errors: Sequence[Errors]) -> float | None:
+    """The mean error over events, percent; None without an event, or if the model diverges in one."""
+    return None if any(error.is_unstable for error in errors) else mean_errors(errors)["all"]
