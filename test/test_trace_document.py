@@ -194,6 +194,22 @@ def test_a_given_subject_that_diverges_has_no_mean_error() -> None:
     )
 
 
+def test_the_recordings_of_the_given_fit_that_are_used_again_are_counted() -> None:
+    """Three parts of one recording are one of that fit; a whole recording has all three parts of that fit."""
+    whole = given(SUBJECT, fitted=[{"bag": "a.mcap", "sha256": "a"}, {"bag": "b.mcap", "sha256": "b"}])
+    three = [Source("a", 0.0, 10.0), Source("a", 20.0, 30.0), Source("a", 40.0, 50.0)]
+    made = refit_of(found("not_decidable", given=whole), three)
+    assert made is not None and (made.recordings, made.given_recordings, made.shared_recordings) == (3, 2, 1)
+    assert "the 2 recordings of that fit, of which 1 is used here" in made.text
+    parts = given(SUBJECT, fitted=[{"bag": "a.mcap", **part.to_dict()} for part in three])
+    made = refit_of(found("not_decidable", given=parts), [Source("a")])
+    assert made is not None and (made.recordings, made.given_recordings, made.shared_recordings) == (1, 3, 3)
+    assert "the 3 recordings of that fit, of which all are used here" in made.text
+    alone = given(SUBJECT, fitted=[{"bag": "a.mcap", "sha256": "a"}])
+    assert "only for the 1 recording of that fit, which is used here;" in refit(alone, "a", "b").text
+    assert "only for the 1 recording of that fit, which is not used here;" in refit(alone, "b").text
+
+
 def test_the_largest_change_outside_its_interval_is_named() -> None:
     """Head's damping by 5 %, many half-widths of a narrow interval; stiffening by 50 %."""
     head = SUBJECT.parameters.damping_ratio[5]

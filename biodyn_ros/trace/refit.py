@@ -62,7 +62,8 @@ class ParameterChange:
 class Refit:
     """The refit of theta: its parameters, the recordings of both fits, and the errors in the events for fitting.
 
-    unstable: the number of these events in which the given subject diverges; a mean over the others is no comparison.
+    shared_recordings: how many of the given ones have time in common with one used here.
+    unstable: the number of the events for fitting in which the given subject diverges, so that it has no mean error.
     """
 
     changes: tuple[ParameterChange, ...]
@@ -126,10 +127,12 @@ class Refit:
         given, shared = self.given_recordings, self.shared_recordings
         if given is None:
             return "these intervals hold only for the recordings of that fit, which its file does not name"
-        used = (
-            "none is" if shared == 0 else "all are" if shared == given else f"{shared} {'is' if shared == 1 else 'are'}"
-        )
-        return f"these intervals hold only for the {counted(given, 'recording')} of that fit, of which {used} used here"
+        if given == 1:
+            used = "which is" if shared else "which is not"
+        else:
+            some = f"{shared} {'is' if shared == 1 else 'are'}"
+            used = f"of which {'none is' if shared == 0 else 'all are' if shared == given else some}"
+        return f"these intervals hold only for the {counted(given, 'recording')} of that fit, {used} used here"
 
 
 def parameter_changes(trace: Trace) -> tuple[ParameterChange, ...]:
@@ -155,7 +158,7 @@ def refit_of(trace: Trace, sources: Collection[Source]) -> Refit | None:
         is_given_fitted=is_fitted(trace.given.parameters),
         recordings=len(recordings),
         given_recordings=len(given) or None,
-        shared_recordings=sum(any(one.overlaps(known) for known in given) for one in recordings),
+        shared_recordings=sum(any(known.overlaps(one) for one in recordings) for known in given),
         events=len(events),
         unstable=sum(error.is_unstable for error in by_given),
         given_percent=_mean(by_given),
