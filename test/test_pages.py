@@ -359,6 +359,7 @@ def test_the_page_of_a_fit_that_diverges_draws_no_prediction_there(
     source = fit_page(diverging)
     text = Page(source).text
     assert "joint – – – – – diverges" in text and "The model diverges in 1 of 3 events" in text
+    assert "There is no spectrum: a model diverges in each event." in text
     assert "inf" not in re.findall(r"[a-z]+", text) and "nan" not in re.findall(r"width: ([a-z]+)", source)
 
 

@@ -34,9 +34,11 @@ from biodyn_ros.fit.summary import FitSummary, summary_of
 from biodyn_ros.reading.events_file import write_events
 from biodyn_ros.reading.parts import BagPart
 from biodyn_ros.reading.provenance import role_of, source_of
+from biodyn_ros.reports.verdict import Verdict
 from biodyn_ros.subject.making import Helpers, MadeSubject, SubjectOptions, make_subject
 from biodyn_ros.subject.page import subject_page, write_page
-from biodyn_ros.subject.people import Person, load_people, make_people
+from biodyn_ros.subject.page import verdict_of as subject_verdict
+from biodyn_ros.subject.people import Person, PersonRow, check_failed, load_people, make_people
 from biodyn_ros.subject.people_page import people_page, text_of, verdict_of
 from biodyn_ros.subject.steps import Step, StepLog, key_of
 from biodyn_ros.subject.text import document_of
@@ -184,6 +186,7 @@ def test_a_fit_that_diverges_in_an_event_has_no_mean_error(
     assert made.steps["fit"].state == "done" and any(line.startswith("fit: done") for line in lines)
     steps = {step["name"]: step for step in json.loads((tmp_path / "made" / "subject.json").read_text())["steps"]}
     assert steps["fit"]["facts"]["held_out_percent"] is None and steps["fit"]["facts"]["fitted_percent"] > 0.0
+    assert steps["fit"]["facts"]["unstable_events"] == 1
 
 
 def test_an_edited_table_of_conditions_is_read_again(bag: Path, tmp_path: Path) -> None:
@@ -216,6 +219,14 @@ def test_a_log_of_another_version_is_not_used(tmp_path: Path) -> None:
     assert (
         StepLog(path).run("fit", key_of(1), [], dict).again and not StepLog(path).run("fit", key_of(2), [], dict).again
     )
+
+
+def test_a_log_without_the_number_of_diverging_events_is_not_used(tmp_path: Path) -> None:
+    """Of schema 2; else a fit that diverges would be used again as one that does not."""
+    path = tmp_path / "subject.json"
+    StepLog(path).run("fit", key_of(1), [], dict)
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"schema": 2}))
+    assert not StepLog(path).run("fit", key_of(1), [], dict).again
 
 
 def test_a_failed_repeat_forgets_no_finished_step_and_no_edited_events(made: MadeSubject, bag: Path) -> None:
@@ -341,6 +352,80 @@ def test_one_that_fails_does_not_stop_the_others(bag: Path, tmp_path: Path) -> N
         assert "no event in" in Page(people_page(rows, tmp_path / "out")).text
 
 
+def errors(fitted: float | None, held_out: float | None, unstable: int) -> dict[str, float | None]:
+    """The facts of a fit."""
+    return {"fitted_percent": fitted, "held_out_percent": held_out, "unstable_events": unstable}
+
+
+def invented(name: str, directory: Path, **steps: Step) -> MadeSubject:
+    """A made subject of steps that are not run; those not given are done without a remark."""
+    done = {
+        "events": Step("events", "done", facts={"seconds": 600.0, "rests": 2}),
+        "fit": Step("fit", "done", facts=errors(8.0, 12.0, 0)),
+        "validate": Step("validate", "done", facts={"events": []}),
+        "trace": Step("trace", "done", facts={"verdict": "none", "headline": "Nothing is missing.", "adds": False}),
+    }
+    return MadeSubject(name, directory, done | steps, None)
+
+
+@pytest.mark.parametrize(
+    ("facts", "sentence"),
+    [
+        (
+            errors(8.0, 12.0, 0),
+            "mean error 8.00 % of the rms in the events fitted to, 12.0 % of the rms in the events not fitted to",
+        ),
+        (errors(8.0, None, 0), "mean error 8.00 % of the rms in the events fitted to"),
+        (
+            errors(None, 12.0, 1),
+            "the fitted model diverges in 1 event; mean error 12.0 % of the rms in the events not fitted to",
+        ),
+        (errors(None, None, 3), "the fitted model diverges in 3 events"),
+    ],
+)
+def test_a_fit_that_diverges_is_said_with_its_tone(
+    tmp_path: Path, facts: dict[str, float | None], sentence: str
+) -> None:
+    made = invented("anna", tmp_path, fit=Step("fit", "done", facts=facts))
+    assert f"fit       done     {sentence}\n" in subject_text(made)
+    diverges = sentence.partition(";")[0]
+    reasons = (f"Fit: {diverges}.",) if facts["unstable_events"] else ()
+    found = subject_verdict(made)
+    assert (found.tone, found.reasons) == ("bad" if reasons else "none", reasons)
+    of_all = verdict_of([PersonRow("anna", "done", document=document_of(made))])
+    assert (of_all.tone, of_all.reasons) == (found.tone, tuple(f"anna: {diverges}." for _ in reasons))
+
+
+def test_a_mean_over_some_of_the_validated_events_says_so(tmp_path: Path) -> None:
+    compared = [{"name": name, "verdict": "agrees", "reason": "", "mean_percent": 5.0} for name in ("a", "b")]
+    lost = {"name": "c", "verdict": "not possible", "reason": "the model diverges", "mean_percent": None}
+    for events, text in (
+        (compared, "2 events that nothing was fitted to: 2 agrees; mean error 5.00 %\n"),
+        ([*compared, lost], "2 agrees, 1 not possible; mean error 5.00 % in the 2 compared\n"),
+        ([lost], "1 event that nothing was fitted to: 1 not possible\n"),
+    ):
+        step = Step("validate", "done", facts={"events": events})
+        assert text in subject_text(invented("anna", tmp_path, validate=step))
+
+
+def test_a_person_without_a_fit_has_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `biodyn subject` of that person alone, which has the exit code 2; ben has a fit, and his trace failed."""
+    unfitted = invented("anna", tmp_path, fit=Step("fit", "failed", reason="road_1: no segment has 1 s to compare"))
+    untraced = invented("ben", tmp_path, trace=Step("trace", "failed", reason="one event"))
+    documents = {made.name: document_of(made) for made in (unfitted, untraced)}
+    monkeypatch.setattr("biodyn_ros.subject.people.make_person", lambda person, *_: documents[person.name])
+    people = [Person(name, UNKNOWN, ("session.mcap",), "seat") for name in documents]
+    rows = make_people(people, tmp_path / "out", OPTIONS, None, lambda done, total: None)
+    assert [(row.name, row.state) for row in rows] == [("anna", "failed"), ("ben", "done")]
+    assert [row.document for row in rows] == list(documents.values())
+    stored = json.loads((tmp_path / "out" / "people.json").read_text())["people"]
+    assert [each["state"] for each in stored] == ["failed", "done"]
+    reason = "anna: fit: road_1: no segment has 1 s to compare."
+    assert verdict_of(rows) == Verdict("warn", "1 of 2 people done", (reason,))
+    with pytest.raises(InputError, match=r"^1 of 2 people failed: anna; see"):
+        check_failed(rows, tmp_path / "out")
+
+
 def killed_once(person: Person, directory: Path, options: SubjectOptions) -> dict[str, object]:
     """In the place of `make_person`: finds the events, and the first worker of ben dies after that."""
     directory.mkdir(exist_ok=True)
@@ -349,7 +434,7 @@ def killed_once(person: Person, directory: Path, options: SubjectOptions) -> dic
     if person.name == "ben" and not mark.exists():
         mark.touch()
         os.kill(os.getpid(), signal.SIGKILL)
-    return {"uses": {}}
+    return {"steps": [], "uses": {}}
 
 
 @pytest.mark.parametrize("where", ["processes:2", "cluster"])

@@ -10,7 +10,21 @@ from typing import Any
 
 import pytest
 from pages import Page, empty_drawings
-from traces import NAN, STOP, SUBJECT, VERDICTS, a_round, diagnostics, found, given, nothing, page_of, restoring
+from traces import (
+    EVENTS,
+    NAN,
+    STOP,
+    SUBJECT,
+    VERDICTS,
+    a_round,
+    diagnostics,
+    errors,
+    found,
+    given,
+    nothing,
+    page_of,
+    restoring,
+)
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.body.parameters import PARAMETERS, UNFITTED, Parameters
@@ -163,6 +177,37 @@ def test_a_refit_outside_the_given_intervals_has_its_reason() -> None:
     with empty_drawings():
         page = Page(trace_page(whole)).text
     assert document["text"][1:] in page and "outside, 0.217" in page
+
+
+def test_a_given_subject_that_diverges_has_no_mean_error() -> None:
+    """In the second of two events for fitting; a mean over the first one is not comparable with that over both."""
+    first, second, *others = EVENTS
+    diverging = dataclasses.replace(second, given=errors(second.name, second.case, [NAN] * 5))
+    trace = found("not_decidable", events=(first, diverging, *others))
+    made = refit_of(trace, [Source("a")])
+    assert made is not None
+    document = refit_document(made)
+    assert document["error_percent"] == {"given": None, "refitted": pytest.approx(19.0)}
+    assert document["text"].endswith(
+        "; there the model diverges in 1 of 2 events with the given parameters, and the error is 19.0 % of the"
+        " measured rms with the refitted ones"
+    )
+
+
+def test_the_recordings_of_the_given_fit_that_are_used_again_are_counted() -> None:
+    """Three parts of one recording are one of that fit; a whole recording has all three parts of that fit."""
+    whole = given(SUBJECT, fitted=[{"bag": "a.mcap", "sha256": "a"}, {"bag": "b.mcap", "sha256": "b"}])
+    three = [Source("a", 0.0, 10.0), Source("a", 20.0, 30.0), Source("a", 40.0, 50.0)]
+    made = refit_of(found("not_decidable", given=whole), three)
+    assert made is not None and (made.recordings, made.given_recordings, made.shared_recordings) == (3, 2, 1)
+    assert "the 2 recordings of that fit, of which 1 is used here" in made.text
+    parts = given(SUBJECT, fitted=[{"bag": "a.mcap", **part.to_dict()} for part in three])
+    made = refit_of(found("not_decidable", given=parts), [Source("a")])
+    assert made is not None and (made.recordings, made.given_recordings, made.shared_recordings) == (1, 3, 3)
+    assert "the 3 recordings of that fit, of which all are used here" in made.text
+    alone = given(SUBJECT, fitted=[{"bag": "a.mcap", "sha256": "a"}])
+    assert "only for the 1 recording of that fit, which is used here;" in refit(alone, "a", "b").text
+    assert "only for the 1 recording of that fit, which is not used here;" in refit(alone, "b").text
 
 
 def test_the_largest_change_outside_its_interval_is_named() -> None:

@@ -209,3 +209,22 @@ def test_spectra_and_windows_have_the_power_they_should() -> None:
     assert np.mean(before) == pytest.approx(50.0, rel=0.02) and np.mean(after) == pytest.approx(25.0, rel=0.02)
     short = dataclasses.replace(one, **{f"{name}_mps2": line[:50] for name in ("measured", "before", "after")})
     assert residual_spectra([short]) is None and residual_spectra([]) is None
+
+
+def test_an_event_in_which_a_model_diverges_is_in_no_spectrum() -> None:
+    """Else the curve of that model had the power of the other events alone, below those of the others."""
+    *others, calm, hard = EVENTS
+    lost = dataclasses.replace(hard, after_mps2=np.full_like(hard.after_mps2, np.nan))
+    frequency, density = residual_spectra([calm])
+    for events in ([calm, lost], [lost, calm], [calm, dataclasses.replace(lost, rate_hz=2.0 * RATE_HZ)]):
+        for found_here, expected in zip(residual_spectra(events), (frequency, density), strict=True):
+            np.testing.assert_array_equal(found_here, expected)
+    assert residual_spectra([lost]) is None
+    text = Page(trace_page(Report(found(events=(*others, calm, lost))))).text
+    assert "residual after (thin), over 1 of 2 events held out, without 1 in which a model diverges." in text
+    other_rate = dataclasses.replace(calm, name="road_3", rate_hz=2.0 * RATE_HZ)
+    text = Page(trace_page(Report(found(events=(*others, calm, lost, other_rate))))).text
+    assert "over 1 of 3 events of one sampling rate held out, without 1 in which a model diverges." in text
+    assert "over 2 events held out." in drawn("effect")[1].text
+    text = Page(trace_page(Report(found(events=(lost,))))).text
+    assert "There is no spectrum: a model diverges in each event." in text

@@ -20,7 +20,7 @@ from biodyn_ros.fit.summary import fit_verdict, percent_text, summary_of
 from biodyn_ros.fit.text import BY, remarks
 from biodyn_ros.reading.provenance import without_note
 from biodyn_ros.reports.pages import check_reports, render, write_drawn
-from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time
+from biodyn_ros.reports.residuals import of_spectra, over_frequency, over_time, stable_events
 
 
 def write_fit_page(report: Report, output: Path) -> None:
@@ -58,7 +58,8 @@ def fit_page(report: Report) -> str:
         profiles_svg=profiles(report.profiles),
         worst=worst,
         compared=len(compared),
-        drawn=len(of_one_rate(compared)),
+        stable=len(stable_events(compared)),
+        drawn=len(of_spectra(compared)),
         time_svg=over_time(worst),
         spectra_svg=over_frequency(compared),
     )

@@ -51,7 +51,7 @@ def over_time(event: ComparedEvent) -> Any:
 
 
 def over_frequency(events: Sequence[ComparedEvent]) -> Any | None:
-    """Power of the measurement and of both residuals per segment, over all events of one rate; None if too short."""
+    """Power of the measurement and both residuals per segment, over `of_spectra` of the events; None if too short."""
     from matplotlib.ticker import NullLocator
 
     spectra = residual_spectra(events)
@@ -81,19 +81,33 @@ def over_frequency(events: Sequence[ComparedEvent]) -> Any | None:
     return drawn(_WIDTH_IN, 2.6, fill)
 
 
-def of_one_rate(events: Sequence[ComparedEvent]) -> list[ComparedEvent]:
+def of_spectra(events: Sequence[ComparedEvent]) -> list[ComparedEvent]:
+    """The events of the spectra: in which no model diverges, with the rate of the first one.
+
+    A model without an answer in an event has less power there than the measurement and the other model.
+    """
+    return _of_one_rate(stable_events(events))
+
+
+def stable_events(events: Sequence[ComparedEvent]) -> list[ComparedEvent]:
+    """The events in which no model diverges, so that it is all NaN."""
+    return [event for event in events if all(np.isfinite(model).any() for model in _of(event)[1:])]
+
+
+def _of_one_rate(events: Sequence[ComparedEvent]) -> list[ComparedEvent]:
     """The events with the rate of the first one, because a spectrum needs a common rate."""
     return [event for event in events if abs(event.rate_hz / events[0].rate_hz - 1.0) < SAME_RATE]
 
 
 def residual_spectra(events: Sequence[ComparedEvent]) -> tuple[Floats, Floats] | None:
     """Frequencies (f,) and densities (3, f, 5) of measured, residual before and after, (m/s^2)^2/Hz; None if short."""
+    events = of_spectra(events)
     if not events:
         return None
     rate_hz = events[0].rate_hz
     settings = SpectrumSettings(segment_s=1.0, lowest_hz=2.0, highest_hz=min(_MAX_HZ, 0.45 * rate_hz))
     parts = []
-    for event in of_one_rate(events):
+    for event in events:
         measured, before, after = _of(event)
         # The input is not used: only the output spectra are needed.
         parts.append((np.zeros(len(measured)), np.hstack([measured, before - measured, after - measured])))

@@ -138,7 +138,7 @@ class _Steps:
             self._page(path.with_name("fitted.fit.html"), lambda: _fit_page(report))
             found = summary_of(report)
             percents = {"fitted_percent": found.fitted_percent, "held_out_percent": found.held_out_percent}
-            return {name: finite(percent) for name, percent in percents.items()}
+            return {name: finite(percent) for name, percent in percents.items()} | {"unstable_events": found.unstable}
 
         step = self.log.run("fit", key, [path], work)
         self._say(step)

@@ -12,7 +12,7 @@ from biodyn_ros.reports.pages import check_reports, render, write_drawn
 from biodyn_ros.reports.verdict import Verdict
 from biodyn_ros.subject.making import PAGE, RESULT, VALIDATED, MadeSubject
 from biodyn_ros.subject.steps import Step
-from biodyn_ros.subject.wording import FILES, PAGES, TITLES, result_line, sentence_of
+from biodyn_ros.subject.wording import FILES, PAGES, TITLES, divergence_of, result_line, sentence_of
 
 
 def write_page(made: MadeSubject, report: bool) -> None:
@@ -40,11 +40,17 @@ def subject_page(made: MadeSubject) -> str:
 
 
 def verdict_of(made: MadeSubject) -> Verdict:
-    """The result, and the steps that were not possible."""
-    lines = [f"{TITLES[step.name]}: {step.reason.rstrip('.')}." for step in made.steps.values() if step.state != "done"]
-    tone = "bad" if made.steps["fit"].state != "done" else "warn" if lines else "none"
+    """The result, the steps that were not possible, and whether the fitted model diverges."""
+    against = {step.name: _against(step) for step in made.steps.values()}
+    lines = [f"{TITLES[name]}: {reason}." for name, reason in against.items() if reason]
+    tone = "bad" if against["fit"] else "warn" if lines else "none"
     line = result_line(made)
     return Verdict(tone, line[0].upper() + line[1:], tuple(lines))
+
+
+def _against(step: Step) -> str:
+    """Why a step was not possible, or what is wrong with its result; empty if neither."""
+    return divergence_of(step.facts) if step.state == "done" else step.reason.rstrip(".")
 
 
 def _step(step: Step, made: MadeSubject) -> dict[str, Any]:

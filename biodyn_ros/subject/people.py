@@ -51,7 +51,7 @@ class Person:
 
 @dataclass(frozen=True)
 class PersonRow:
-    """The result of one person: as `document_of`, or the reason why there is none."""
+    """The result of one person: as `document_of`, and the reason why there is no result or no fit."""
 
     name: str
     state: str
@@ -81,8 +81,8 @@ def make_people(
 ) -> list[PersonRow]:
     """Make the subjects of all people, each in a directory of its name; people.json is rewritten after each.
 
-    A person that fails has the reason, and the others go on. A person whose worker is lost is tried once more. Finished
-    steps of an earlier run are used again.
+    A person that fails, or has no fit, has the reason, and the others go on. A person whose worker is lost is tried
+    once more. Finished steps of an earlier run are used again.
     """
     make_directory(directory)
     rows = {person.name: PersonRow(person.name, "waiting") for person in people}
@@ -92,7 +92,7 @@ def make_people(
         for number, future in as_done(executor, calls):
             name = waiting[number].name
             try:
-                rows[name] = PersonRow(name, "done", document=result_of(future, name))
+                rows[name] = _row(name, result_of(future, name))
             except Exception as error:  # noqa: BLE001 - a fault with one person must not stop the others
                 rows[name] = PersonRow(name, "failed", one_line(error))
             write_json(directory / SUMMARY, people_document(list(rows.values())))
@@ -115,6 +115,14 @@ def make_person(person: Person, directory: Path, options: SubjectOptions) -> Doc
 def people_document(rows: Sequence[PersonRow]) -> Document:
     """The mapping of people.json."""
     return {"version": __version__, "people": [dataclasses.asdict(row) for row in rows]}
+
+
+def _row(name: str, document: Document) -> PersonRow:
+    """The row of a person whose steps were run; without a fit there is no subject, so the person has failed."""
+    for step in document["steps"]:
+        if step["name"] == "fit" and step["state"] != "done":
+            return PersonRow(name, "failed", f"fit: {step['result'].rstrip('.')}", document)
+    return PersonRow(name, "done", document=document)
 
 
 def check_failed(rows: Sequence[PersonRow], directory: Path) -> None:

@@ -13,6 +13,7 @@ from biodyn_ros.base.wording import table
 from biodyn_ros.reports.verdict import Verdict
 from biodyn_ros.subject.making import PAGE
 from biodyn_ros.subject.people import PersonRow
+from biodyn_ros.subject.wording import divergence_of
 
 _HEADS: Final = ("person", "state", "events", "fitted, %", "held out, %", "missing effect")
 
@@ -38,15 +39,15 @@ def people_page(rows: Sequence[PersonRow], directory: Path) -> str:
 
 
 def verdict_of(rows: Sequence[PersonRow]) -> Verdict:
-    """How many people are done, and why others are not."""
-    failed = [row for row in rows if row.state != "done"]
+    """How many people are done, why others are not, and whose fitted model diverges."""
+    failed = [f"{row.name}: {row.error}." for row in rows if row.state != "done"]
+    diverging = [f"{row.name}: {line}." for row in rows if (line := divergence_of(_steps(row).get("fit", {})))]
     headline = f"{len(rows) - len(failed)} of {counted(len(rows), 'person', 'people')} done"
-    return Verdict("warn" if failed else "none", headline, tuple(f"{row.name}: {row.error}." for row in failed))
+    return Verdict("bad" if diverging else "warn" if failed else "none", headline, (*failed, *diverging))
 
 
 def _cells(row: PersonRow) -> tuple[str, ...]:
-    steps = {step["name"]: step for step in row.document.get("steps", ())}
-    fit, trace = (steps.get(name, {}) for name in ("fit", "trace"))
+    fit, trace = (_steps(row).get(name, {}) for name in ("fit", "trace"))
     return (
         row.name,
         row.state,
@@ -55,6 +56,10 @@ def _cells(row: PersonRow) -> tuple[str, ...]:
         number(fit.get("held_out_percent")),
         _short(trace),
     )
+
+
+def _steps(row: PersonRow) -> dict[str, dict[str, Any]]:
+    return {step["name"]: step for step in row.document.get("steps", ())}
 
 
 def _short(trace: dict[str, Any]) -> str:

@@ -14,7 +14,7 @@ from biodyn_ros import __version__
 from biodyn_ros.base.json_files import keys_of, read_json, write_json
 from biodyn_ros.reading.provenance import sha256_of
 
-SCHEMA: Final = 2
+SCHEMA: Final = 3
 
 State = Literal["done", "failed", "skipped"]
 """skipped: not possible because an earlier step has failed."""

@@ -24,6 +24,12 @@ def sentence_of(step: Step, used: UsedEvents | None) -> str:
     return _SENTENCES[step.name](step.facts, used)
 
 
+def divergence_of(facts: Mapping[str, Any]) -> str:
+    """In how many events the model of a fit diverges; empty if in none, and for other steps."""
+    unstable = facts.get("unstable_events", 0)
+    return f"the fitted model diverges in {counted(unstable, 'event')}" if unstable else ""
+
+
 def _events(facts: Mapping[str, Any], used: UsedEvents | None) -> str:
     session = f"{duration(facts['seconds'], at_most=True)} with {counted(facts['rests'], 'rest')}"
     if used is None:
@@ -35,10 +41,9 @@ def _events(facts: Mapping[str, Any], used: UsedEvents | None) -> str:
 
 
 def _fit(facts: Mapping[str, Any], _: UsedEvents | None) -> str:
-    return (
-        f"mean error {number(facts['fitted_percent'])} % of the rms in the events fitted to,"
-        f" {number(facts['held_out_percent'])} % in the others"
-    )
+    means = {"fitted to": facts["fitted_percent"], "not fitted to": facts["held_out_percent"]}
+    known = [f"{number(mean)} % of the rms in the events {which}" for which, mean in means.items() if mean is not None]
+    return "; ".join(filter(None, (divergence_of(facts), f"mean error {', '.join(known)}" if known else "")))
 
 
 def _validate(facts: Mapping[str, Any], _: UsedEvents | None) -> str:
@@ -48,6 +53,8 @@ def _validate(facts: Mapping[str, Any], _: UsedEvents | None) -> str:
     known = [event["mean_percent"] for event in facts["events"] if event["mean_percent"] is not None]
     each = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
     mean = f"; mean error {number(sum(known) / len(known))} %" if known else ""
+    if known and len(known) < len(facts["events"]):
+        mean += f" in the {len(known)} compared"
     return f"{counted(len(facts['events']), 'event')} that nothing was fitted to: {each}{mean}"
 
 

@@ -12,7 +12,7 @@ from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.base.wording import parameter_name
 from biodyn_ros.reports.pages import check_reports, render
-from biodyn_ros.reports.residuals import of_one_rate, over_frequency, over_time
+from biodyn_ros.reports.residuals import of_spectra, over_frequency, over_time, stable_events
 from biodyn_ros.trace.document import PROOF
 from biodyn_ros.trace.drawings import SHOWN, force_panels, ranking, surface_map
 from biodyn_ros.trace.errors import USES, WHEN, errors_by_use, is_known, known, mean_errors
@@ -86,7 +86,8 @@ def trace_page(report: Report) -> str:
         parameter_name=parameter_name,
         worst=worst,
         compared=len(compared),
-        drawn=len(of_one_rate(compared)),
+        stable=len(stable_events(compared)),
+        drawn=len(of_spectra(compared)),
         time_svg=over_time(worst) if worst is not None else None,
         spectra_svg=over_frequency(compared),
         rounds=[_round(each) for each in trace.rounds if each.ranking],

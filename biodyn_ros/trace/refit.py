@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from biodyn_core.body.parameters import PARAMETERS, is_fitted
 from biodyn_core.body.subject import Subject
+from biodyn_core.identification.problem import Errors
 from biodyn_core.tracing.findings import Trace
 from biodyn_ros.base.wording import counted, number, parameter_name, with_interval
 from biodyn_ros.reading.provenance import Source, origins_of
@@ -59,13 +60,19 @@ class ParameterChange:
 
 @dataclass(frozen=True)
 class Refit:
-    """The refit of theta: its parameters, the recordings of both fits, and the errors in the events for fitting."""
+    """The refit of theta: its parameters, the recordings of both fits, and the errors in the events for fitting.
+
+    shared_recordings: how many of the given ones have time in common with one used here.
+    unstable: the number of the events for fitting in which the given subject diverges, so that it has no mean error.
+    """
 
     changes: tuple[ParameterChange, ...]
     is_given_fitted: bool
     recordings: int
     given_recordings: int | None
     shared_recordings: int
+    events: int
+    unstable: int
     given_percent: float | None
     refitted_percent: float | None
 
@@ -85,10 +92,7 @@ class Refit:
         here = counted(self.recordings, "recording")
         if not self.is_given_fitted:
             return f"the given subject was not fitted: its parameters come from the {here} given here"
-        error = (
-            f"there the error is {number(self.given_percent)} % of the measured rms with the given parameters,"
-            f" {number(self.refitted_percent)} % with the refitted ones"
-        )
+        error = self._errors
         if not self.has_intervals:
             return (
                 f"refitted to the {here} given here; {error}; the given subject's file has no intervals to compare with"
@@ -104,15 +108,31 @@ class Refit:
         )
 
     @property
+    def _errors(self) -> str:
+        """The errors with the given and with the refitted parameters."""
+        refitted = number(self.refitted_percent)
+        if self.unstable:
+            return (
+                f"there the model diverges in {self.unstable} of {counted(self.events, 'event')} with the given"
+                f" parameters, and the error is {refitted} % of the measured rms with the refitted ones"
+            )
+        return (
+            f"there the error is {number(self.given_percent)} % of the measured rms with the given parameters,"
+            f" {refitted} % with the refitted ones"
+        )
+
+    @property
     def _validity(self) -> str:
         """The recordings that the given intervals are valid for."""
         given, shared = self.given_recordings, self.shared_recordings
         if given is None:
             return "these intervals hold only for the recordings of that fit, which its file does not name"
-        used = (
-            "none is" if shared == 0 else "all are" if shared == given else f"{shared} {'is' if shared == 1 else 'are'}"
-        )
-        return f"these intervals hold only for the {counted(given, 'recording')} of that fit, of which {used} used here"
+        if given == 1:
+            used = "which is" if shared else "which is not"
+        else:
+            some = f"{shared} {'is' if shared == 1 else 'are'}"
+            used = f"of which {'none is' if shared == 0 else 'all are' if shared == given else some}"
+        return f"these intervals hold only for the {counted(given, 'recording')} of that fit, {used} used here"
 
 
 def parameter_changes(trace: Trace) -> tuple[ParameterChange, ...]:
@@ -131,14 +151,18 @@ def refit_of(trace: Trace, sources: Collection[Source]) -> Refit | None:
     if not trace.refitted:
         return None
     recordings, given = set(sources), {source for _, source in origins_of(trace.given, "fitted")}
+    events = [event for event in trace.events if event.use == "train"]
+    by_given = [event.given for event in events if event.given is not None]
     return Refit(
         changes=parameter_changes(trace),
         is_given_fitted=is_fitted(trace.given.parameters),
         recordings=len(recordings),
         given_recordings=len(given) or None,
-        shared_recordings=sum(any(one.overlaps(known) for known in given) for one in recordings),
-        given_percent=_mean(trace, "given"),
-        refitted_percent=_mean(trace, "before"),
+        shared_recordings=sum(any(known.overlaps(one) for one in recordings) for known in given),
+        events=len(events),
+        unstable=sum(error.is_unstable for error in by_given),
+        given_percent=_mean(by_given),
+        refitted_percent=_mean([event.before for event in events]),
     )
 
 
@@ -157,7 +181,6 @@ def _percent(before: float, after: float) -> float | None:
     return 100.0 * (after - before) / before if before else None
 
 
-def _mean(trace: Trace, when: str) -> float | None:
-    """The mean error of a subject over the events for fitting."""
-    found = [getattr(event, when) for event in trace.events if event.use == "train"]
-    return mean_errors([error for error in found if error is not None])["all"]
+def _mean(errors: Sequence[Errors]) -> float | None:
+    """The mean error over events, percent; None without an event, or if the model diverges in one."""
+    return None if any(error.is_unstable for error in errors) else mean_errors(errors)["all"]
