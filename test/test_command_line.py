@@ -388,6 +388,10 @@ COMPLETED = [
     ("biodyn replay ", {"drive.mcap", "directory"}),
     ("biodyn replay drive.mcap --subject ", {*subject_names(), "anna.yaml", "directory"}),
     ("biodyn compare subject_1 subject_2 --thr", {"--threshold"}),
+    ("biodyn events ", {"drive.mcap", "directory"}),
+    ("biodyn subject ", {"new", "drive.mcap", "directory"}),
+    ("biodyn subject drive.mcap --per", {"--per-case"}),
+    ("biodyn subject new --st", {"--stature"}),
 ]
 
 
