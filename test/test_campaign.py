@@ -15,6 +15,7 @@ import fitting
 import pytest
 import yaml
 from expecting import refusal, until
+from listed import assert_listed
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.body.subject import load_subject
@@ -179,6 +180,11 @@ def refused(path: Path, fault: str) -> None:
 
 
 # --- the fits --------------------------------------------------------------------------------------------------------
+
+
+def test_the_document_has_the_listed_keys() -> None:
+    report = results.CampaignReport("campaign.yaml", (results.Row("anna", "anna", ["road.mcap"], []),))
+    assert_listed("campaign.json", results.campaign_document(report))
 
 
 def test_a_campaign_fits_each_subject_as_if_it_were_alone(field: Path, tmp_path: Path, alone) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import importlib.util
 import json
@@ -106,6 +107,14 @@ def test_every_tuning_setting_states_its_range_or_choices(capsys: pytest.Capture
         for action in command.tuned:
             stated = action.nargs == 0 or action.choices or action.metavar == "TEXT" or " to " in action.help
             assert stated, (name, action.dest)
+
+
+def test_every_choice_and_every_setting_that_is_on_states_its_default() -> None:
+    for name, command in parser().commands.items():
+        for action in command.arguments:
+            chosen = bool(action.choices and action.option_strings)
+            if chosen or isinstance(action, argparse.BooleanOptionalAction):
+                assert "(default " in action.help, (name, action.dest)
 
 
 def test_no_line_of_the_help_repeats_a_name(capsys: pytest.CaptureFixture[str]) -> None:
@@ -379,6 +388,10 @@ COMPLETED = [
     ("biodyn replay ", {"drive.mcap", "directory"}),
     ("biodyn replay drive.mcap --subject ", {*subject_names(), "anna.yaml", "directory"}),
     ("biodyn compare subject_1 subject_2 --thr", {"--threshold"}),
+    ("biodyn events ", {"drive.mcap", "directory"}),
+    ("biodyn subject ", {"new", "drive.mcap", "directory"}),
+    ("biodyn subject drive.mcap --per", {"--per-case"}),
+    ("biodyn subject new --st", {"--stature"}),
 ]
 
 

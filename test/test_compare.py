@@ -9,6 +9,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from listed import assert_listed
 from paper import THETAS, person, printed, shipped
 
 from biodyn_core.base.errors import InputError
@@ -175,6 +176,10 @@ def test_the_document_holds_every_row_and_is_json():
         "b": 10.633,
         "percent": pytest.approx(2.4867, abs=1e-4),
     }
+
+
+def test_the_document_has_the_listed_keys():
+    assert_listed("compare", comparison_document(compare(shipped("subject_1"), shipped("subject_2"))))
 
 
 def test_the_text_has_both_subjects_the_threshold_and_every_row():

@@ -1,6 +1,7 @@
 """The rules of who imports whom, checked on the source."""
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -256,6 +257,14 @@ def test_the_order_names_every_package_once() -> None:
     packages = {path.parent.name for path in (ROOT / "biodyn_core").glob("*/__init__.py")}
     assert sorted(PACKAGES) == sorted(packages)
     assert [path.name for path in (ROOT / "biodyn_core").glob("*.py")] == ["__init__.py"]
+
+
+def test_the_tables_of_contributing_list_every_package() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("## Where to change what")[0]
+    assert tuple(re.findall(r"^\| \[(\w+)\]\(biodyn_core/\1\) \|", text, re.MULTILINE)) == PACKAGES
+    folders = {path.name for path in (ROOT / "biodyn_ros").iterdir() if path.is_dir() and path.name != "__pycache__"}
+    rows = "".join(re.findall(r"^\| \[.*", text.split("biodyn_ros has packages")[1], re.MULTILINE))
+    assert set(re.findall(r"\]\(biodyn_ros/(\w+)\)", rows)) == folders
 
 
 def test_numba_is_allowed_in_the_kernels(tmp_path: Path) -> None:

@@ -44,6 +44,11 @@ CUT_OFF = """[...document.body.querySelectorAll("*")].filter((each) => {
   return box.width > 0 && (box.left < -0.5 || box.right > innerWidth + 0.5);
 }).map((each) => each.outerHTML.slice(0, 80))"""
 
+BOUNDED = """{...snapshot, rows: snapshot.rows.map((row) => ({
+  ...row, force_lower_bound: true, compression_n: 1234, tension_n: 1234,
+}))}"""
+"""A snapshot whose peaks of force are lower bounds."""
+
 REACHABLE = """["mark", "reset", "theme"].map((name) => {
   const button = document.getElementById(name), box = button.getBoundingClientRect();
   const inside = box.left >= 0 && box.top >= 0 && box.right <= innerWidth && box.bottom <= innerHeight;
@@ -246,6 +251,9 @@ def it_fits(browser: Browser, width: int, height: int, picture: Path) -> None:
         cells = "[...document.querySelectorAll('.row > *, .row, .figure, #left')]"
         wide = f"{cells}.filter(cell => cell.scrollWidth > cell.clientWidth + 1).map(cell => cell.className)"
         assert browser.page.evaluate(wide) == []
+        shown, wider = browser.page.evaluate(f"show({BOUNDED}), [document.querySelector('.row').innerText, {wide}]")
+        assert "F\u00a0≥\u00a01234 / ≥\u00a01234" in shown
+        assert wider == []
         assert browser.page.evaluate(CUT_OFF) == []
         for scroll in (0, 1_000_000):
             browser.page.evaluate(f"scrollTo(0, {scroll})")

@@ -353,6 +353,33 @@ def test_forces_are_shown_with_their_static_weight_and_what_they_rest_on(drawn):
     assert ">= 9.50" in summary(bound) and ">= 3.50" not in summary(bound)
 
 
+def test_a_lower_bound_of_the_dri_is_in_its_band_or_in_a_higher_one(tmp_path):
+    clipped = losing("seat", Losses(1, 0.0, 0.0, 0.0))
+    for compression, lost, band, higher in (
+        (5.1, True, "at least band < 5.2", True),
+        (5.1, False, "band < 5.2", False),
+        (18.0, True, "band > 17.7 (AIS 2+ threshold)", False),  # the highest band
+    ):
+        changed = report(dri=Dri(compression, 19.0, 23.456), sensors=clipped if lost else report().sensors)
+        for text in (summary(changed), page_of(tmp_path, changed).text):
+            assert f", {band};" in text and ("at least band" in text) == higher
+        assert exposure_document(changed)["dri"]["class_lower_bound"] is higher
+    assert "as printed >= 19.0" in summary(changed)
+
+
+def test_the_terminal_marks_every_definition_of_the_hic_of_a_clipped_head():
+    text = summary(report(sensors=losing("head", Losses(1, 0.0, 0.0, 0.0))))
+    assert ">= 0.567 resultant" in text and ">= 0.456 vertical" in text and ">= 1.23 with 1 g as printed" in text
+
+
+def test_the_terminal_has_the_status_of_the_predictions():
+    harder = replace(report().run, is_extrapolating=True)
+    for changed, status in ((report(), "not validated"), (report(run=harder), "extrapolated")):
+        assert summary(changed).endswith(
+            f"measured before, predicted after the low-pass. Predictions are a model's: {status}."
+        )
+
+
 def test_every_prediction_has_its_interval_in_the_document():
     document = exposure_document(sure())
     pelvis, joint = document["predicted"]["pelvis"], document["joint_forces"]["pelvis"]

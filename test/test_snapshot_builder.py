@@ -83,6 +83,20 @@ def test_the_rows_are_the_rolling_figures_and_their_ratios():
     assert rows["seat"]["compression_n"] is None
 
 
+def test_peaks_of_force_are_lower_bounds_as_in_the_document():
+    """Missing samples of the seat lower a peak, not a mean."""
+    streams = noisy_streams(**GENTLE)
+    kept = np.ones(streams[0].stamps_ns.size, dtype=bool)
+    kept[4000:4300] = False
+    gap = [replace(one, stamps_ns=one.stamps_ns[kept], accel_mps2=one.accel_mps2[kept]) for one in streams]
+    for sent, lower in ((streams, False), (gap, True)):
+        ride = Ride().drive(sent)
+        joint = exposure_document(exposure_report(ride.pipeline))["joint_forces"]["head"]
+        head = ride.snapshots[-1]["rows"][0]
+        assert head["force_lower_bound"] == joint["lower_bound"] == lower
+        assert not head["predicted_lower_bound"]
+
+
 def test_whether_the_model_fits_is_unknown_until_enough_motion_was_compared():
     ride = Ride(with_spread(subject()))
     assert ride.drive(noisy_streams(**GENTLE), without=SENSORS[1:]).snapshots[-1]["fit"] == {

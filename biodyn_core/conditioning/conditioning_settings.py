@@ -21,7 +21,12 @@ class ConditioningSettings:
         0.05, "longest gap that is interpolated; a longer one splits the record", "s", 0.002, 1.0
     )
     saturation_mps2: float = setting(
-        156.8, "reading of one axis that counts as clipped (16 g, less one step of 12 bits)", "m/s^2", 10.0, 5000.0
+        156.8,
+        "reading of one axis that counts as clipped (16 g, less one step of 12 bits)"
+        "; offline a limit that the bag states replaces the default",
+        "m/s^2",
+        10.0,
+        5000.0,
     )
     flat_s: float = setting(2.0, "seconds of one unchanging reading that count as a stuck sensor", "s", 0.05, 3600.0)
     gravity_tracker_s: float | None = setting(

@@ -17,7 +17,9 @@ class DualRangeSettings:
         "reading of one axis from which the low-g channel is at its rail",
         "m/s^2", 10.0, 5000.0,
     )  # fmt: skip
-    compared_s: float = setting(5.0, "seconds around a saturation over which the channels are compared", "s", 0.5, 60.0)
+    compared_s: float = setting(
+        5.0, "seconds before and after each shock in which the channels are compared", "s", 0.5, 60.0
+    )
 
     def __post_init__(self) -> None:
         check_settings(self)

@@ -45,6 +45,11 @@ class Dri:
         """The numeric band the compression falls in (Zaman et al., 4.4)."""
         return next(label for upper, label in DRI_BANDS if self.compression < upper)
 
+    @property
+    def is_in_highest_band(self) -> bool:
+        """Whether no band is higher, so that a lower bound of the compression decides the band too."""
+        return self.band == DRI_BANDS[-1][1]
+
 
 class Window(NamedTuple):
     """Begin and end, seconds."""

@@ -11,6 +11,7 @@ from biodyn_core.base.wording import counted, decimal_places, number
 
 if TYPE_CHECKING:
     from biodyn_core.body.origin import Origin
+    from biodyn_core.exposure.injury import Dri
 
 _GROUPS: Final = {
     "natural_frequency_hz": "natural frequency",
@@ -110,6 +111,11 @@ def with_interval(value: float | None, lower: float | None, upper: float | None)
 def bound(value: float | None, lower: bool) -> str:
     """The number, with ">=" before it where it is a lower bound."""
     return f">= {number(value)}" if lower and value is not None else number(value)
+
+
+def dri_band(dri: Dri, lower: bool) -> str:
+    """The band of a DRI; of a lower bound the lowest possible one."""
+    return f"at least band {dri.band}" if lower and not dri.is_in_highest_band else f"band {dri.band}"
 
 
 def span(window_s: Sequence[float] | None) -> str:

@@ -178,8 +178,10 @@ def add_settings(command: CommandParser, title: str, kind: type[Any], everyday: 
         default = item.default
         how: dict[str, Any]
         if isinstance(default, bool):
-            action = argparse.BooleanOptionalAction if default else "store_true"
-            how = {"action": action, "help": allowed.meaning}
+            if default:
+                how = {"action": argparse.BooleanOptionalAction, "help": f"{allowed.meaning} (default yes)"}
+            else:
+                how = {"action": "store_true", "help": allowed.meaning}
         elif allowed.choices:
             how = {"choices": allowed.choices, "help": f"{allowed.meaning} (default {default})"}
         elif isinstance(default, str):

@@ -19,6 +19,9 @@ SHELLS: Final = ("bash", "zsh", "fish")
 SUBJECT: Final = ("S", "A", "B")
 """Metavars of a subject: a bundled name or a file."""
 
+_BAGS: Final = ("mcap", "db3")
+"""Suffixes of bags, which are folders too."""
+
 
 def _add(command: CommandParser) -> None:
     command.add_argument("shell", choices=SHELLS, help="the shell that runs the script")
@@ -34,12 +37,18 @@ def script(shell: str) -> str:
         raise InputError("completion needs shtab: pip install 'biodyn_ros[completion]'")
     import shtab
 
-    from biodyn_ros.commands.table import parser
+    from biodyn_ros.commands.table import NESTED, add_nested, parser
 
     whole = parser()
-    for action in (action for command in whole.commands.values() for action in command.arguments):
+    inner = [add_nested(whole, name) for name in NESTED]
+    for action in (action for command in (*whole.commands.values(), *inner) for action in command.arguments):
         if (how := _complete(str(action.metavar))) is not None:
             action.complete = how
+    for name in NESTED:
+        # shtab offers the second word in place of an argument only in the script for fish.
+        outer, word = name.split()
+        sessions = next(action for action in whole.commands[outer].arguments if action.metavar == "SESSION")
+        sessions.complete = _words_or_files(f"{outer}_session", [word], *_BAGS)
     return shtab.complete(whole, shell)
 
 
@@ -55,21 +64,21 @@ def _complete(metavar: str) -> Any:
         return _words_or_files("case", list(CASES))
     if metavar == "DIR":
         return shtab.DIRECTORY
-    if metavar in ("BAG", "BAG=CASE"):
-        return shtab.glob("*.mcap", "*.db3")
+    if metavar in ("BAG", "BAG=CASE", "SESSION"):
+        return shtab.glob(*(f"*.{suffix}" for suffix in _BAGS))
     return shtab.FILE if metavar in ("FILE", "OUT.yaml") else None
 
 
-def _words_or_files(what: str, words: Sequence[str], suffix: str = "") -> dict[str, Any]:
-    """Completion by words, and by files of a suffix and directories."""
-    listed, name = " ".join(words), f"_biodyn_{what}_files" if suffix else f"_biodyn_{what}"
+def _words_or_files(what: str, words: Sequence[str], *suffixes: str) -> dict[str, Any]:
+    """Completion by words, and by files of some suffixes and directories."""
+    listed, name = " ".join(words), f"_biodyn_{what}_files" if suffixes else f"_biodyn_{what}"
     bash = [f"compgen -W '{listed}' -- \"$1\""]
     fish = [f"printf '%s\\n' {listed}"]
     zsh = [f"'{what}s:{what}:({listed})'"]
-    if suffix:
-        bash += [f"compgen -f -X '!*.{suffix}' -- \"$1\"", 'compgen -d -- "$1"']
-        fish += [f"__fish_complete_suffix .{suffix}"]
-        zsh += [f"'files:file:_files -g \"*.{suffix}\"'"]
+    if suffixes:
+        bash += [*(f"compgen -f -X '!*.{suffix}' -- \"$1\"" for suffix in suffixes), 'compgen -d -- "$1"']
+        fish += [f"__fish_complete_suffix .{suffix}" for suffix in suffixes]
+        zsh += [f"'files:file:_files -g \"*.({'|'.join(suffixes)})\"'"]
     return {
         "bash": name,
         "zsh": name,

@@ -32,7 +32,9 @@ def _add(command: CommandParser) -> None:
         help="time of the first row of Nexus: ISO 8601 with zone, or Unix seconds (default: none)",
     )
     command.add_argument("--no-high-g", action="store_true", help="do not replace clipped samples by high-g")
-    command.add_argument("--compression", choices=("none", "lz4", "zstd"), default="zstd", help="compression of chunks")
+    command.add_argument(
+        "--compression", choices=("none", "lz4", "zstd"), default="zstd", help="compression of chunks (default zstd)"
+    )
     add_settings(command, "two ranges", DualRangeSettings)
     command.add_argument("-o", "--output", required=True, metavar="BAG", help="FILE.mcap, or a directory")
 

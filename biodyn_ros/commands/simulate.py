@@ -26,7 +26,9 @@ def _add(command: CommandParser) -> None:
         "--seconds", type=float, metavar="N", help=f"length of each case (default {CASE_S:g}), or limit for the file"
     )
     add_seed(command, "seed of random numbers")
-    command.add_argument("--compression", choices=("none", "lz4", "zstd"), default="zstd", help="compression of chunks")
+    command.add_argument(
+        "--compression", choices=("none", "lz4", "zstd"), default="zstd", help="compression of chunks (default zstd)"
+    )
     add_map(command)
     add_time(command)
     add_settings(command, "sensors", SensorSettings)

@@ -73,6 +73,12 @@ def nested(name: str) -> CommandParser:
     return made
 
 
+def add_nested(whole: WholeParser, name: str) -> CommandParser:
+    """Add a command of NESTED below the command of its first word, for completion: `parsed` uses `nested`."""
+    outer, word = name.split()
+    return _added(whole.commands[outer].add_subparsers(parser_class=CommandParser), word, command_of(name))
+
+
 def _described(what: Command) -> str:
     return f"{what.line[0].upper()}{what.line[1:]}."
 

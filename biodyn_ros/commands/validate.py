@@ -38,8 +38,9 @@ def _add(command: CommandParser) -> None:
     add_reading(command)
     command.add_argument("--case", metavar="CASE", help="loading condition (default: by the bag's name)")
     command.add_argument(
-        "--seat-force", choices=("inertia", "joint", "paper"), default="inertia", help="form of the force at the seat"
-    )
+        "--seat-force", choices=("inertia", "joint", "paper"), default="inertia",
+        help="form of the force at the seat (default inertia)",
+    )  # fmt: skip
     command.add_argument("--as-printed", action="store_true", help="also forces under cascade masses, labelled")
     add_settings(command, "spectra", SpectrumSettings)
     add_settings(command, "limits of agreement", ValidationSettings)

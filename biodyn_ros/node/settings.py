@@ -33,7 +33,9 @@ class LiveSettings:
         "", "file that stores exposure across restarts; empty: in the user's state directory; none: nowhere"
     )
     kept_exposure: str = setting(
-        "fitting", "which stored exposure a new start continues: a fitting one, any, or none", choices=POLICIES
+        "fitting",
+        "which stored exposure a new start continues: fitting (same subject and topics, recent), any, or none",
+        choices=POLICIES,
     )
     exposure_max_age_h: float = setting(
         12.0, "how old, by its stamps, a stored exposure may be to be continued", "h", 0.0, 8760.0

@@ -88,7 +88,7 @@ class SnapshotBuilder:
             "verdict": vars(seat_verdict(seat, channel and seat_losses, fault)),
             "seat": _seat(seat, pipeline.limits.deciding, seat_losses, fault) if seat else None,
             "meter": asdict(readings) if (readings := meter_readings(seat, channel)) else None,
-            "rows": _rows(rolling, by_name, bounds),
+            "rows": _rows(rolling, by_name, bounds, seat_losses.lower_bound or run.unpredicted_s > 0.0),
             "prediction": _status(by_name["prediction"]) | {"extrapolated": extrapolated},
             "no_interval": pipeline.no_interval or None,
             "fit": _fit(pipeline),
@@ -165,11 +165,14 @@ def _seat(seat: SeatExposure, limits: LimitSet, losses: Losses, fault: str) -> d
     }  # fmt: skip
 
 
-def _rows(rolling: Exposure, statuses: dict[str, Status], lower_bounds: Container[str]) -> list[dict[str, Any]]:
+def _rows(
+    rolling: Exposure, statuses: dict[str, Status], lower_bounds: Container[str], force_lower_bound: bool
+) -> list[dict[str, Any]]:
     """From the head down: weighted acceleration of the window, measured and predicted, and each sensor's status.
 
     Both figures of a segment, their ratios to the seat and the residual are over the same samples. The peaks of force
-    are of the joint below the segment. Intervals are 95 %. lower_bounds: the sensors whose means are lower bounds.
+    are of the joint below the segment. Intervals are 95 %. lower_bounds: the sensors whose means are lower bounds;
+    force_lower_bound: whether peaks of force are, which missing samples lower too.
     """
     rows = []
     for name in ROWS:
@@ -189,6 +192,7 @@ def _rows(rolling: Exposure, statuses: dict[str, Status], lower_bounds: Containe
                 "compression_n": force.compression_n if force else None,
                 "compression_interval_n": force_intervals(force, spread).compression_interval_n if force else None,
                 "tension_n": force.tension_n if force else None,
+                "force_lower_bound": force_lower_bound,
                 "residual_mps2": rms_mps2,
                 "residual_percent": percent if percent is not None and math.isfinite(percent) else None,
                 "measured_column": SENSORS.index(name) if name in SENSORS else None,

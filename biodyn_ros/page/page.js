@@ -120,7 +120,7 @@ function bounds(of) {
   explain($("band"), why || "≥ means at least.");
   explain($("meter"), why || "≥ means at least.");
   const part = of.no_interval === null ? " The interval of a lower bound is that of the counted part." : "";
-  explain($("body"), `≥ means at least: samples clipped or stuck since reset.${part}`);
+  explain($("body"), `≥ means at least: samples clipped or stuck (of F also missing) since reset.${part}`);
   explain($("ride"), "≥ means at least: samples missing, clipped or stuck since reset.");
 }
 
@@ -165,9 +165,11 @@ function segment(of, most) {
   values.append(element("span", "model", of.name === "seat" ? "" : least(of.predicted_lower_bound, short(of.predicted_mps2))));
   values.append(element("small", "", interval(of.predicted_interval_mps2, short)));
   const ratio = element("span", "ratio");
+  // A line may only break between both peaks.
+  const peaks = [of.compression_n, of.tension_n].map((peak) => least(of.force_lower_bound, whole(peak)).replace(" ", "\u00a0"));
   if (of.name !== "seat") ratio.append(
     element("span", "", `T ${short(of.measured_ratio)} / ${short(of.predicted_ratio)}`),
-    element("span", "model", `F ${least(of.predicted_lower_bound, whole(of.compression_n))} / ${whole(of.tension_n)}`),
+    element("span", "model", `F\u00a0${peaks.join(" / ")}`),
     element("small", "", interval(of.compression_interval_n, whole)),
   );
   made.append(sign, name, bars, values, ratio);

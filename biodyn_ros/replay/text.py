@@ -10,6 +10,7 @@ from biodyn_ros.base.wording import (
     FORCES_NOT_MEASURED,
     LIFTS_OFF,
     bound,
+    dri_band,
     duration,
     ends,
     misfit_line,
@@ -28,7 +29,8 @@ from biodyn_ros.reports.verdict import HORIZONTAL, KINDS, ZONE, shocks, time_lef
 
 def summary(report: ExposureReport) -> str:
     """Summary: the seat against its limits, exposure by sensor, prediction and residual, warnings."""
-    seconds, marks = report.run.seconds, ", ".join(f"{mark.name} at {mark.time_s:.3f} s" for mark in report.marks)
+    seconds, status = report.run.seconds, words(report.prediction_status)
+    marks = ", ".join(f"{mark.name} at {mark.time_s:.3f} s" for mark in report.marks)
     lines = [
         f"{report.bag}  subject {report.subject} ({report.mass_matrix})",
         f"{seconds:.1f} s, {report.uncounted_s:.2f} s of it uncounted, until gravity was known",
@@ -44,7 +46,7 @@ def summary(report: ExposureReport) -> str:
         *_interval_lines(report),
         *_joint_lines(report),
         *_misfit_lines(report),
-        "aw and VDV: Wk, vertical, before the low-pass. Predictions are a model's: not validated.",
+        f"aw, VDV: Wk, vertical; measured before, predicted after the low-pass. Predictions are a model's: {status}.",
         *(f"note: {text}" for text in (*report.warnings, *([MADE_BY_MODEL] if report.is_made_by_model else []))),
     ]
     return "\n".join(lines)
@@ -96,14 +98,18 @@ def _injury_lines(report: ExposureReport) -> list[str]:
     dri, hic = report.dri, report.hic15
     lines = []
     if dri:
+        lower = report.is_dri_lower_bound
         lines.append(
-            f"DRI {bound(dri.compression, report.is_dri_lower_bound)} (compression, band {dri.band}; "
-            f"as printed {number(dri.as_printed)}); a criterion for a single upward pulse, not a dose"
+            f"DRI {bound(dri.compression, lower)} (compression, {dri_band(dri, lower)}; "
+            f"as printed {bound(dri.as_printed, lower)}); a criterion for a single upward pulse, not a dose"
         )
     if hic:
+        resultant, vertical, as_printed = (
+            bound(each, report.is_hic_lower_bound) for each in (hic.resultant, hic.vertical, hic.as_printed)
+        )
         lines.append(
-            f"HIC15 of the head {bound(hic.resultant, report.is_hic_lower_bound)} resultant{_window(hic)}, "
-            f"{number(hic.vertical)} vertical, {number(hic.as_printed)} with 1 g as printed"
+            f"HIC15 of the head {resultant} resultant{_window(hic)}, {vertical} vertical, "
+            f"{as_printed} with 1 g as printed"
         )
     return lines
 

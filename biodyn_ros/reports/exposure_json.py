@@ -84,7 +84,8 @@ def dose_figures(dose: Dose) -> dict[str, float | None]:
 def dri_document(dri: Dri | None, lower_bound: bool) -> Document | None:
     """The Dynamic Response Index; None before the seat has counted."""
     return dri and {
-        "compression": dri.compression, "as_printed": dri.as_printed, "class": dri.band, "time_s": dri.time_s,
+        "compression": dri.compression, "as_printed": dri.as_printed, "class": dri.band,
+        "class_lower_bound": lower_bound and not dri.is_in_highest_band, "time_s": dri.time_s,
         "lower_bound": lower_bound,
     }  # fmt: skip
 

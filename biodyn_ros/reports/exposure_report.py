@@ -76,12 +76,12 @@ class MisfitTime(NamedTuple):
 class ExposureReport:
     """Results of one recording of run.seconds; channels without a counted sample are absent.
 
-    sensors: Wk-weighted, before the low-pass. predicted and measured_low_passed: comparable with each other.
-    also_weighted: by weighting and sensor. seat: None before it has counted. joint_forces: predicted, by the segment
-    above the joint. origin: of the subject's parameters. spreads: of the predicted figures, by segment; no_interval:
-    why there is none, empty if there are. not_monitored: why it is unknown whether the model fits, empty if it is
-    known; monitored: the segments for which it is. warnings to is_made_by_model: of the bag; times: the stamps used, by
-    sensor.
+    uncounted_s: of the seat. sensors: Wk-weighted, before the low-pass. predicted and measured_low_passed: comparable
+    with each other. also_weighted: by weighting and sensor. seat: None before it has counted. joint_forces: predicted,
+    by the segment above the joint. origin: of the subject's parameters. spreads: of the predicted figures, by segment;
+    no_interval: why there is none, empty if there are. not_monitored: why it is unknown whether the model fits, empty
+    if it is known; monitored: the segments for which it is. warnings to is_made_by_model: of the bag; times: the stamps
+    used, by sensor.
     """
 
     bag: str
@@ -167,7 +167,7 @@ def exposure_report(pipeline: Pipeline, bag: str = "", project: bool = False) ->
         window_s=pipeline.settings.window_s,
         limits=pipeline.limits,
         run=run,
-        uncounted_s=max((pipeline.status(name).uncounted_s for name in since.sensors), default=run.seconds),
+        uncounted_s=pipeline.status(SEAT).uncounted_s if SEAT in since.sensors else run.seconds,
         sensors=_channels(since.sensors, lost),
         predicted=_channels(since.predicted, dict.fromkeys(since.predicted, unpredicted)),
         measured_low_passed=_channels(low_passed, compared),

@@ -13,7 +13,18 @@ from typing import Any
 from biodyn_core.base.errors import InputError, one_line
 from biodyn_ros.base.files import remove, write_text
 from biodyn_ros.base.resources import package_directory
-from biodyn_ros.base.wording import bound, duration, ends, number, partly_tested, sentence, span, typeset, words
+from biodyn_ros.base.wording import (
+    bound,
+    dri_band,
+    duration,
+    ends,
+    number,
+    partly_tested,
+    sentence,
+    span,
+    typeset,
+    words,
+)
 from biodyn_ros.reports.drawing import PALETTE
 from biodyn_ros.reports.verdict import shocks
 
@@ -38,7 +49,7 @@ def render(template: str, **values: Any) -> str:
         lstrip_blocks=True,
     )
     page.filters.update(number=number, bound=bound, duration=duration, words=words, sentence=sentence, shocks=shocks)
-    page.filters.update(span=span, ends=ends, partly_tested=partly_tested)
+    page.filters.update(span=span, ends=ends, dri_band=dri_band, partly_tested=partly_tested)
     page.filters["value"] = lambda stated: number(None) if stated is None else f"{stated:g}"
     return typeset(page.get_template(template).render(palette=PALETTE, **values))
 

@@ -88,7 +88,8 @@ def _exposure(report: Report) -> Document:
         },
         "no_interval": found.no_interval or None,
         "dri": {
-            "compression": dri.compression, "as_printed": dri.as_printed, "class": dri.band, "lower_bound": seat_bound,
+            "compression": dri.compression, "as_printed": dri.as_printed, "class": dri.band,
+            "class_lower_bound": seat_bound and not dri.is_in_highest_band, "lower_bound": seat_bound,
         },
     }  # fmt: skip
     for name, measured in found.measured_hic.items():

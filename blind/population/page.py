@@ -85,7 +85,8 @@ LIMITS: Final = """\
 - No person was recorded here. The references are groups in laboratories under vertical vibration; the magnitude for the
   60 people could not be read, and is taken as 1 m/s^2.
 - The band of a new subject is the spread between people. What the model itself misses is not in it.
-- Stature has no influence. Below 40 and above 120 kg the subject is marked as extrapolated."""
+- Stature has no influence. Outside 40 to 120 kg and 1.4 to 2.0 m the subject is marked as extrapolated, with a
+  warning."""
 
 COVERED: Final = f"""\
 Percent of drawn people within the 95 % interval of the mean's prediction, all segments together, by motion: roads,
