@@ -15,6 +15,7 @@ from trident import (
     RAIL,
     TAKE,
     UNIX_US,
+    Floats,
     G,
     Wide,
     capture_u_files,
@@ -242,6 +243,29 @@ def test_a_shock_missing_from_high_g_leaves_its_sensor_clipped(tmp_path: Path) -
     assert row["high_g"]["taken_over"] == 1 == row["high_g"]["left"] and row["clipped"] > 5 and row["from_high_g"] > 5
     assert info(bag)["topics"][0]["clipped"] > row["clipped"]
     assert any("counts the high-g samples as clipped too" in line for line in document["warnings"])
+
+
+def test_a_span_beside_a_replaced_one_stays_clipped(tmp_path: Path) -> None:
+    """Two peaks 6 samples apart, and high-g is lost behind the second: its span lies where the first one fades."""
+
+    def force(t: Floats) -> Floats:
+        out = shock((99.0,))(t)
+        for at_s, peak_mps2 in ((6.0, 300.0), (6.0 + 6 / LOW_HZ, 400.0)):
+            out[:, 2] += peak_mps2 * np.exp(-0.5 * ((t - at_s) / 0.00085) ** 2)
+        return out
+
+    low = capture_u_files(tmp_path / "csv", SERIALS["seat"], force, 8.0)
+    high = low.with_name(low.name.replace("lowg", "highg"))
+    lines = high.read_text().splitlines()
+    kept = [line for line in lines[1:] if not 6.0178 < (int(line.split(",")[0]) - UNIX_US) * 1e-6 < 6.18]
+    high.write_text("\n".join([lines[0], *kept, ""]))
+    bag = tmp_path / "one.mcap"
+    row = imported(tmp_path / "csv", bag, {"seat": SERIALS["seat"]})["sensors"]["seat"]
+    assert row["high_g"]["taken_over"] == 1 == row["high_g"]["left"] and row["clipped"] == 3
+    with open_bag(bag) as reader:
+        assert "saturation_mps2" not in reader.metadata("biodyn")
+    accel = samples(bag, "seat")[1][6750:, 2]
+    assert (np.abs(accel[5:8] - RAIL) < 0.1).all() and accel[:3].max() > 280.0
 
 
 def test_high_g_of_another_motion_is_not_used(tmp_path: Path) -> None:

@@ -151,8 +151,12 @@ def covered(found: Sequence[Span], stretch: Stretch, corrected_mps2: Floats, set
     return kept
 
 
-def shares(low_s: Floats, period_s: float, taken: Sequence[Span]) -> Floats:
-    """Share of the wide channel in each reading, 0 to 1, (n, 3); a function of time alone."""
+def shares(low_s: Floats, period_s: float, taken: Sequence[Span], left: Sequence[Span] = ()) -> Floats:
+    """Share of the wide channel in each reading, 0 to 1, (n, 3); a function of time alone.
+
+    taken: spans that the wide channel replaces. left: spans that stay at the rail, even beside a replaced one: a blend
+    would hide that they are clipped.
+    """
     out = np.zeros((low_s.size, 3))
     reach_s = (MARGIN + FADE + 0.5) * period_s
     for span in taken:
@@ -165,6 +169,9 @@ def shares(low_s: Floats, period_s: float, taken: Sequence[Span]) -> Floats:
         share = 0.5 + 0.5 * np.cos(np.pi * fade)
         share[fade >= 1.0 - 1e-6] = 0.0
         out[lo:hi, span.axis] = np.maximum(out[lo:hi, span.axis], share)
+    for span in left:
+        lo, hi = np.searchsorted(low_s, span.begin_s), np.searchsorted(low_s, span.end_s, side="right")
+        out[lo:hi, span.axis] = 0.0
     return out
 
 

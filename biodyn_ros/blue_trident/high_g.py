@@ -107,7 +107,9 @@ class Comparison:
             for near, value in zip(self._near, biases, strict=True):
                 values = corrected(near.part, alignment, mean if value is None else value)
                 kept = covered(near.spans, near.part, values, self._settings)
-                of_each = shares(near.part.low_s, 1.0 / self._rate_hz, kept)
+                here = set(kept)
+                left = [*self._stuck, *(span for span in near.spans if span not in here)]
+                of_each = shares(near.part.low_s, 1.0 / self._rate_hz, kept, left)
                 used = of_each.any(axis=1)
                 replaced += kept
                 stamps.append(self._epoch_ns + np.rint(1e9 * near.part.low_s[used]).astype(np.int64))
