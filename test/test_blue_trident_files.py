@@ -100,6 +100,16 @@ def test_one_channel_in_two_files_is_refused(tmp_path: Path) -> None:
         imported(tmp_path / "csv", tmp_path / "b.mcap", {"seat": "TS-1"})
 
 
+def test_sensors_of_different_trials_of_nexus_are_not_merged(tmp_path: Path) -> None:
+    (tmp_path / "csv").mkdir()
+    for number in (1, 2):
+        (tmp_path / "csv" / f"trial_{number}.csv").write_text(nexus_text({f"TS-{number}": still(60, seed=number)}))
+    with pytest.raises(InputError, match=r"several trials of Nexus: trial_1, trial_2: .*choose one with --take TAKE"):
+        imported(tmp_path / "csv", tmp_path / "b.mcap", {"seat": "TS-1", "head": "TS-2"})
+    document = imported(tmp_path / "csv", tmp_path / "b.mcap", {"seat": "TS-1"})
+    assert document["take"] == "trial_1" and document["sensors"]["seat"]["samples"] == 60
+
+
 def test_high_g_alone_is_no_recording(tmp_path: Path) -> None:
     low = capture_u_files(tmp_path / "csv", "TS-1", shock((9.0,)), 0.5)
     low.unlink()
