@@ -268,6 +268,21 @@ def test_a_span_beside_a_replaced_one_stays_clipped(tmp_path: Path) -> None:
     assert (np.abs(accel[5:8] - RAIL) < 0.1).all() and accel[:3].max() > 280.0
 
 
+@pytest.mark.parametrize(("ahead_us", "size"), [(1_000_000_000, 1 << 22), (1_000_000_000, 73), (-100_000, 1 << 22)])
+def test_a_wrong_stamp_hides_no_later_shock_from_high_g(
+    ahead_us: int, size: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One row of low-g between two shocks, also as the last one of a block."""
+    monkeypatch.setattr(rows, "BLOCK_BYTES", size * 100)
+    low = capture_u_files(tmp_path / "csv", SERIALS["seat"], shock((1.6, 7.0)), 8.0)
+    lines = low.read_text().splitlines()
+    stamp, _, others = lines[4500].partition(",")
+    lines[4500] = f"{int(stamp) + ahead_us},{others}"
+    low.write_text("\n".join([*lines, ""]))
+    row = imported(tmp_path / "csv", tmp_path / "b.mcap", {"seat": SERIALS["seat"]})["sensors"]["seat"]
+    assert row["high_g"]["taken_over"] == 2 and row["clipped"] == 0
+
+
 def test_high_g_of_another_motion_is_not_used(tmp_path: Path) -> None:
     low = capture_u_files(tmp_path / "csv", SERIALS["seat"], shock((3.0,)), seed=5)
     t = 0.0137 + np.arange(9000) / 1600.0

@@ -146,6 +146,8 @@ def covered(found: Sequence[Span], stretch: Stretch, corrected_mps2: Floats, set
         reach = MARGIN + FADE
         values = corrected_mps2[max(first - reach, 0) : last + reach + 1, span.axis]
         inside = corrected_mps2[first : last + 1, span.axis]
+        if not inside.size:
+            continue  # its stamps are damaged
         if np.isfinite(values).all() and (span.sign * inside).max() >= MIN_AGREEMENT * settings.saturation_mps2:
             kept.append(span)
     return kept
