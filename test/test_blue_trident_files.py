@@ -20,6 +20,7 @@ from biodyn_core.conditioning.dual_range import DualRangeSettings, Stretch
 from biodyn_core.conditioning.range_alignment import align, bias, levels
 from biodyn_ros.bag import open_bag
 from biodyn_ros.base.topics import INPUT
+from biodyn_ros.blue_trident.rows import _is_even
 from biodyn_ros.commands.cli import main
 from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.replay.replaying import ReplayOptions, replay
@@ -186,6 +187,23 @@ def test_other_columns_and_units_of_capture_u_are_understood(tmp_path: Path) -> 
     row = imported(low, tmp_path / "b.mcap", {"seat": "TS-1"})["sensors"]["seat"]
     assert row["gyro"] is False and row["rate_hz"] == pytest.approx(500.0)
     assert samples(tmp_path / "b.mcap", "seat")[1][:, 2] == pytest.approx(up * G, abs=1e-5)
+
+
+@pytest.mark.parametrize("old", [".", ",0."])
+def test_rows_with_more_cells_than_names_are_not_read_shifted(old: str, tmp_path: Path) -> None:
+    """Decimal commas, and a cell too many in each row."""
+    low = capture_u_files(tmp_path / "csv", "TS-1", shock((9.0,)), 0.5, None)
+    names, _, rows = low.read_text().partition("\n")
+    low.write_text(f"{names}\n{rows.replace(old, old.replace('.', ',') + '1')}")
+    with pytest.raises(InputError, match="has no sample: its rows have a wrong number of cells: export with decimal"):
+        imported(low, tmp_path / "b.mcap", {"seat": "TS-1"})
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_empty_cells_beyond_the_names_are_read_fast(end: str) -> None:
+    even = "1,2,,," + end + "3,4,,," + end
+    assert _is_even(even.encode(), 2) and _is_even(even.encode(), 5)
+    assert not _is_even(even.replace("4,,", "4,,5").encode(), 2)
 
 
 def test_impossible_stamps_are_left_out(tmp_path: Path) -> None:

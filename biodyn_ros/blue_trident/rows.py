@@ -116,11 +116,17 @@ def _rows(block: bytes, line: int, columns: Sequence[int], width: int, damage: D
 
 
 def _is_even(block: bytes, width: int) -> bool:
-    """Whether all lines have the same number of cells, at least `width`; Excel may add empty cells."""
+    """Whether all lines have the same number of cells, at least `width`, and empty ones beyond, as Excel adds them."""
     data = np.frombuffer(block, dtype=np.uint8)
     ends, commas = np.flatnonzero(data == 10), np.flatnonzero(data == 44)
     per_line = np.diff(np.searchsorted(commas, ends), prepend=0)
-    return bool(per_line.size) and int(per_line[0]) >= width - 1 and bool((per_line == per_line[0]).all())
+    if not per_line.size or per_line[0] < width - 1 or (per_line != per_line[0]).any():
+        return False
+    surplus = int(per_line[0]) - (width - 1)
+    if not surplus:
+        return True
+    beyond = ends - commas.reshape(ends.size, -1)[:, width - 1] - (data[ends - 1] == 13)
+    return bool((beyond == surplus).all())
 
 
 def _fast(block: bytes, columns: Sequence[int]) -> Floats:
