@@ -25,6 +25,10 @@ from biodyn_core.sessions.cases import CaseSpan, with_cases
 from biodyn_core.sessions.findings import Findings
 from biodyn_core.sessions.session import Session
 from biodyn_core.sessions.settings import SessionSettings
+from biodyn_ros.bag import BagWriter
+from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
+from biodyn_ros.base.topics import INPUT
+from biodyn_ros.events.finding import find_events
 from blind.sessions.finding import score_of
 
 Floats = NDArray[np.float64]
@@ -92,6 +96,14 @@ def with_shocks(up_mps2: Floats, at_s: list[float], peak_g: float = 1.5) -> Floa
     return moved
 
 
+def bag_of(path: Path, stamps_ns: Integers, samples: Floats) -> Path:
+    """A bag of a seat."""
+    with BagWriter(path) as writer:
+        writer.add_topic(INPUT["seat"], IMU_TYPE)
+        writer.write(INPUT["seat"], stamps_ns, encode_imu(stamps_ns, samples, None, "seat"))
+    return path
+
+
 def test_planted_shocks_are_found_and_named() -> None:
     """By the study's own counts; 40 minutes are in docs/sessions_study.md."""
     score = score_of(6.0, 21)
@@ -142,6 +154,13 @@ def test_a_shock_without_a_warm_up_is_left_out_with_its_reason() -> None:
     found = found_in({"seat": made(30.0, with_shocks(shaken(30.0, 0.5, begin_s=0.5), [1.5]))})
     assert not [event for event in found.events if event.shocks]
     assert any("warm-up" in line for line in found.warnings)
+
+
+def test_the_reason_reaches_the_user_of_a_bag(tmp_path: Path) -> None:
+    up = with_shocks(shaken(30.0, 0.5, begin_s=0.5), [1.5])
+    warnings = find_events(bag_of(tmp_path / "a.mcap", *made(30.0, up))).all_warnings
+    assert any(line.startswith("a shock at 1.5 s is left out: ") for line in warnings)
+    assert [line for line in warnings if line.startswith("head: ")] == ["head: not in the bag"]
 
 
 def test_only_the_shocks_in_the_warm_up_are_left_out() -> None:

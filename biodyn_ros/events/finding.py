@@ -98,8 +98,9 @@ def find_events(
     if o.cases == BY_MARKS:
         spans = spans_of(marks, findings.seconds, bag)
     warnings = [*warnings, *sensors.clock_warnings(findings.seconds)]
-    shown = tuple(line for line in findings.warnings if line.partition(":")[0] in present or ":" not in line)
-    absent = tuple(f"{name}: not in the bag" for name in findings.statuses if name not in present)
+    missing = [name for name in findings.statuses if name not in present]
+    shown = tuple(line for line in findings.warnings if line.partition(":")[0] not in missing)
+    absent = tuple(f"{name}: not in the bag" for name in missing)
     if not findings.rests:
         absent = (*absent, NO_REST)
     findings = replace(findings, events=with_cases(findings.events, spans), warnings=(*absent, *shown))
