@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from pages import Page, empty_drawings
 from recordings import tram
 from scipy import signal
 from world import sensors
@@ -28,7 +29,10 @@ from biodyn_core.sessions.settings import SessionSettings
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base.topics import INPUT
-from biodyn_ros.events.finding import find_events
+from biodyn_ros.events.finding import SessionOptions, find_events, find_sessions
+from biodyn_ros.events.page import events_page
+from biodyn_ros.events.text import text_of
+from biodyn_ros.reading.events_file import load_events, write_events
 from blind.sessions.finding import score_of
 
 Floats = NDArray[np.float64]
@@ -161,6 +165,24 @@ def test_the_reason_reaches_the_user_of_a_bag(tmp_path: Path) -> None:
     warnings = find_events(bag_of(tmp_path / "a.mcap", *made(30.0, up))).all_warnings
     assert any(line.startswith("a shock at 1.5 s is left out: ") for line in warnings)
     assert [line for line in warnings if line.startswith("head: ")] == ["head: not in the bag"]
+
+
+def test_a_session_at_rest_gives_gravity_to_another(tmp_path: Path) -> None:
+    """The remedy that is offered for a session without rest: another one with some seconds at rest."""
+    stamps, samples = made(30.0, shaken(30.0, 0.8, begin_s=0.0))
+    moving = bag_of(tmp_path / "moving.mcap", stamps + 100 * 10**9, samples)
+    rest = bag_of(tmp_path / "rest.mcap", *made(20.0))
+    options = SessionOptions(allowed=("one-condition",))
+    with pytest.raises(InputError, match=r"moving.mcap: no rest in 30.0 s"):
+        find_sessions([moving], options, lambda done, total: None)
+    sessions = find_sessions([moving, rest], options, lambda done, total: None)
+    write_events(sessions, tmp_path / "both.yaml")
+    assert {part.rest_bag for part in load_events(tmp_path / "both.yaml")} == {rest}
+    assert "1 rest of 20.0 s in all, 0 events\n" in text_of(sessions)
+    with pytest.raises(InputError, match=r"rest.mcap: no event in 20.0 s"):
+        find_sessions([rest], options, lambda done, total: None)
+    with empty_drawings():
+        assert "rest.mcap" in Page(events_page(sessions)).text
 
 
 def test_only_the_shocks_in_the_warm_up_are_left_out() -> None:

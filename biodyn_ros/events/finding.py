@@ -77,6 +77,13 @@ def find_events(
 ) -> FoundSession:
     """Find the events of a session; raises InputError for a bag without a usable seat, or without events."""
     o = options or SessionOptions()
+    found = _found_in(bag, o, progress)
+    _check_events([found], o.session)
+    return found
+
+
+def _found_in(bag: str | Path, o: SessionOptions, progress: OnProgress) -> FoundSession:
+    """The findings of a session, which may be at rest throughout."""
     if not part_of(bag).is_whole:
         raise InputError(f"{bag}: events are found in whole bags; their parts are named in the events file")
     spans = [] if o.table is None else read_spans(o.table)
@@ -93,9 +100,7 @@ def find_events(
         findings, warnings, marks = session.finish(), sensors.bag_warnings(), sensors.marks()
         present = sensors.times
     check_seat(findings.statuses["seat"], str(bag))
-    if not findings.events:
-        raise InputError(f"{bag}: {_why_none(findings, o.session)}")
-    if o.cases == BY_MARKS:
+    if o.cases == BY_MARKS and findings.events:
         spans = spans_of(marks, findings.seconds, bag)
     warnings = [*warnings, *sensors.clock_warnings(findings.seconds)]
     missing = [name for name in findings.statuses if name not in present]
@@ -119,14 +124,15 @@ def _at_begin(sensors: SensorReading, verticals: Mapping[str, Vector]) -> dict[s
 def find_sessions(bags: Sequence[str | Path], options: SessionOptions, progress: OnProgress) -> list[FoundSession]:
     """Find the events of sessions, with a name of its own for each event.
 
-    Raises InputError for a bag given twice, and for sessions that `check_sessions` refuses.
+    Raises InputError for a bag given twice, sessions without any event, and those that `check_sessions` refuses.
     """
     found: list[FoundSession] = []
     for number, bag in enumerate(bags):
-        one = find_events(bag, options, lambda done, total, at=number: progress(at * total + done, len(bags) * total))
+        one = _found_in(bag, options, lambda done, total, at=number: progress(at * total + done, len(bags) * total))
         if same := next((other.bag for other in found if other.sha256 == one.sha256), None):
             raise InputError(f"{bag}: the same recording as {same}; give it once")
         found.append(one)
+    _check_events(found, options.session)
     names = iter(named([event for one in found for event in one.findings.events]))
     sessions = [
         replace(
@@ -137,6 +143,12 @@ def find_sessions(bags: Sequence[str | Path], options: SessionOptions, progress:
     ]  # fmt: skip
     check_sessions(sessions, options.allowed)
     return sessions
+
+
+def _check_events(sessions: Sequence[FoundSession], settings: SessionSettings) -> None:
+    """Raise InputError for sessions without any event; one of several may give its rest alone."""
+    if not any(one.findings.events for one in sessions):
+        raise InputError(f"{sessions[0].bag}: {_why_none(sessions[0].findings, settings)}")
 
 
 def _seams(one: FoundSession, others: Sequence[FoundSession]) -> list[str]:
