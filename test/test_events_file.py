@@ -382,6 +382,10 @@ def test_marks_of_the_node_about_the_fit_name_no_condition() -> None:
         ("start,case\n1,road\n", "line 2: the columns start, end, case are needed"),
         ("start,end,case\n1,x,road\n", "line 2: start and end are seconds, not '1' and 'x'"),
         ("start,end,case\n1,2,road\n5,4,rail\n", "line 3: the end, 4 s, is not after the start, 5 s"),
+        ("start,end,case\n\n\n0,20,a\nx,1,b\n", "line 5: start and end are seconds"),
+        ("start,end,case\n0,20,road\n20,30,---\n", "line 3: the case '---' has no letter or digit"),
+        ('start,end,case\n0,20,"gravel\n20,30,road\n', "cannot be read as a table .*: is a quote not closed?"),
+        (f'start,end,case\n0,20,"{"x" * 2**18}"\n', "cannot be read as a table .field larger than field limit"),
     ],
 )
 def test_a_wrong_table_is_one_line(tmp_path: Path, text: str, message: str) -> None:
@@ -405,13 +409,14 @@ def test_marks_of_the_bag_name_its_events(
             kept = block.log_ns >= begin_ns + (round(1e9 * seat_from_s) if block.topic == topics.INPUT[SEAT] else 0)
             writer.write(block.topic, block.log_ns[kept], messages[kept])
         writer.add_topic("/car/biodyn/marks", STRING_TYPE)
-        for at_s, name in ((gravel_from_s, "Gravel"), (19.0, "end")):
+        for at_s, name in ((gravel_from_s, "Gravel"), (gravel_from_s + 0.5, "!!"), (19.0, "end")):
             data = name.encode() + b"\0"
             message = bytes([0, 1, 0, 0]) + len(data).to_bytes(4, "little") + data
             stamp = np.array([begin_ns + round(1e9 * at_s)])
             writer.write("/car/biodyn/marks", stamp, np.frombuffer(message, np.uint8)[None])
-    cases = [event.case for event in find_events(bag, SessionOptions(cases="marks")).findings.events]
-    assert cases == ["gravel", "pothole", "rail", "road"]
+    found = find_events(bag, SessionOptions(cases="marks"))
+    assert [event.case for event in found.findings.events] == ["gravel", "pothole", "rail", "road"]
+    assert [line for line in found.warnings if line.startswith("the mark '!!' at ")]
 
 
 def test_marks_of_a_bag_are_needed_to_name_by_them(place: Path) -> None:

@@ -102,6 +102,11 @@ def _found_in(bag: str | Path, o: SessionOptions, progress: OnProgress) -> Found
     check_seat(findings.statuses["seat"], str(bag))
     if o.cases == BY_MARKS and findings.events:
         spans = spans_of(marks, findings.seconds, bag)
+        warnings += [
+            f"the mark {mark.name!r} at {mark.time_s:.1f} s has no letter or digit: it names no condition"
+            for mark in marks
+            if not _case_name(mark.name)
+        ]
     warnings = [*warnings, *sensors.clock_warnings(findings.seconds)]
     missing = [name for name in findings.statuses if name not in present]
     shown = tuple(line for line in findings.warnings if line.partition(":")[0] not in missing)
@@ -184,9 +189,10 @@ def _from(one: FoundSession, begin_ns: int, end_ns: int) -> int:
 def spans_of(marks: Sequence[Mark], seconds: float, bag: str | Path = "") -> list[CaseSpan]:
     """The loading condition from each mark to the next one; raises InputError without any mark.
 
-    Marks that the live node has set itself, about segments that the model does not fit, name none.
+    Marks that the live node has set itself, about segments that the model does not fit, name none; nor do those without
+    a letter or digit.
     """
-    marks = [mark for mark in marks if not mark.name.endswith((DOES_NOT_FIT, FITS_AGAIN))]
+    marks = [mark for mark in marks if _case_name(mark.name) and not mark.name.endswith((DOES_NOT_FIT, FITS_AGAIN))]
     if not marks:
         raise InputError(f"{bag}: has no marks: name conditions by the seat, or with a table (--cases FILE)")
     ends_s = [*(mark.time_s for mark in marks[1:]), seconds]
@@ -200,10 +206,15 @@ def spans_of(marks: Sequence[Mark], seconds: float, bag: str | Path = "") -> lis
 def read_spans(path: Path) -> list[CaseSpan]:
     """The loading conditions of a table with the columns start, end and case, seconds; raises InputError naming it."""
     try:
-        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines(), skipinitialspace=True))
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as a table ({error}){did_you_mean_file(path)}") from None
-    return [_span(row, f"{path}: line {number}") for number, row in enumerate(rows, 2)]
+    table = csv.DictReader(lines, skipinitialspace=True, strict=True)
+    try:
+        # Blank lines are no rows: the number of a line is known to the inner reader only.
+        return [_span(row, f"{path}: line {table.reader.line_num}") for row in table]
+    except csv.Error as error:
+        raise InputError(f"{path}: cannot be read as a table ({error}): is a quote not closed?") from None
 
 
 def _span(row: Mapping[str | None, str | None], where: str) -> CaseSpan:
@@ -216,6 +227,8 @@ def _span(row: Mapping[str | None, str | None], where: str) -> CaseSpan:
         raise InputError(f"{where}: start and end are seconds, not {start!r} and {end!r}") from None
     if not begin_s < end_s:
         raise InputError(f"{where}: the end, {end_s:g} s, is not after the start, {begin_s:g} s")
+    if not _case_name(case):
+        raise InputError(f"{where}: the case {case!r} has no letter or digit")
     return CaseSpan(begin_s, end_s, _case_name(case))
 
 
