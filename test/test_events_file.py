@@ -395,6 +395,14 @@ def test_a_wrong_table_is_one_line(tmp_path: Path, text: str, message: str) -> N
         read_spans(path)
 
 
+def test_a_table_is_of_one_session(place: Path, tmp_path: Path) -> None:
+    table = tmp_path / "cases.csv"
+    table.write_text("start,end,case\n0,60,gravel\n")
+    bags = [place / "session.mcap", cut(place / "session.mcap", tmp_path / "part", [(0.0, 30.0)])]
+    with pytest.raises(InputError, match=r"cases.csv: its times are of one session, 2 are given: run biodyn events"):
+        find_sessions(bags, SessionOptions(cases=str(table)), lambda done, total: None)
+
+
 @pytest.mark.parametrize(("seat_from_s", "gravel_from_s"), [(0.0, 1.0), (2.5, 10.0)])
 def test_marks_of_the_bag_name_its_events(
     place: Path, tmp_path: Path, seat_from_s: float, gravel_from_s: float

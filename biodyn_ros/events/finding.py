@@ -129,8 +129,14 @@ def _at_begin(sensors: SensorReading, verticals: Mapping[str, Vector]) -> dict[s
 def find_sessions(bags: Sequence[str | Path], options: SessionOptions, progress: OnProgress) -> list[FoundSession]:
     """Find the events of sessions, with a name of its own for each event.
 
-    Raises InputError for a bag given twice, sessions without any event, and those that `check_sessions` refuses.
+    Raises InputError for a bag given twice, a table for several sessions, sessions without any event, and those that
+    `check_sessions` refuses.
     """
+    if options.table is not None and len(bags) > 1:
+        raise InputError(
+            f"{options.table}: its times are of one session, {len(bags)} are given: run biodyn events once per session,"
+            " or name the conditions by marks (--cases marks)"
+        )
     found: list[FoundSession] = []
     for number, bag in enumerate(bags):
         one = _found_in(bag, options, lambda done, total, at=number: progress(at * total + done, len(bags) * total))
