@@ -456,3 +456,17 @@ def test_the_next_section_ends_the_list_of_devices(tmp_path: Path) -> None:
     )
     document = imported(file, tmp_path / "b.mcap", {"seat": "TS-01874"})
     assert document["sensors"]["seat"]["samples"] == 60 and document["files"][0]["ragged_rows"] == 0
+    assert any(line.startswith("t.csv: what follows Trajectories in line ") for line in document["warnings"])
+
+
+@pytest.mark.parametrize("start_ns", [None, 10**18])
+def test_a_damaged_sub_frame_changes_no_other_stamp(start_ns: int | None, tmp_path: Path) -> None:
+    text, file = nexus_text({"TS-1": still(200)}), tmp_path / "t.csv"
+    file.write_text(text)
+    imported(file, tmp_path / "whole.mcap", {"seat": "TS-1"}, start_ns=start_ns)
+    file.write_text(text.replace("\r\n1,0,", "\r\n1,7,").replace("\r\n11,3,", "\r\n11,93,"))
+    document = imported(file, tmp_path / "b.mcap", {"seat": "TS-1"}, start_ns=start_ns)
+    whole, stamps = (samples(tmp_path / name, "seat")[0] for name in ("whole.mcap", "b.mcap"))
+    expected = np.delete(whole, [0, 53])
+    assert np.array_equal(np.diff(stamps), np.diff(expected)) and document["files"][0]["untimed_rows"] == 2
+    assert start_ns is not None or np.array_equal(stamps, expected)

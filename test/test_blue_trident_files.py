@@ -199,6 +199,14 @@ def test_rows_with_more_cells_than_names_are_not_read_shifted(old: str, tmp_path
         imported(low, tmp_path / "b.mcap", {"seat": "TS-1"})
 
 
+def test_a_line_of_words_is_one_damaged_row_of_capture_u(tmp_path: Path) -> None:
+    low = capture_u_files(tmp_path / "csv", "TS-1", shock((9.0,)), 2.0, None)
+    lines = low.read_text().splitlines()
+    low.write_text("\n".join([*lines[:500], "nan", *lines[500:], ""]))
+    document = imported(low, tmp_path / "b.mcap", {"seat": "TS-1"})
+    assert document["sensors"]["seat"]["samples"] == 2250 and document["files"][0]["ragged_rows"] == 1
+
+
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 def test_empty_cells_beyond_the_names_are_read_fast(end: str) -> None:
     even = "1,2,,," + end + "3,4,,," + end

@@ -235,6 +235,8 @@ def _damage_lines(path: Path, damage: Damage) -> list[str]:
     where = f", the first in line {damage.first_line}" if damage.first_line else ""
     counts = {name: getattr(damage, name) for name in _DAMAGE}
     lines = [f"{path.name}: {_DAMAGE[name]}: {count}{where}" for name, count in counts.items() if count]
+    if damage.section:
+        lines.append(f"{path.name}: what follows {damage.section} is another section and left out")
     if damage.cut:
         lines.append(f"{path.name}: the last line is incomplete and left out; is the file still being written?")
     return lines
