@@ -33,6 +33,8 @@ from biodyn_ros.events.finding import SessionOptions, find_events, find_sessions
 from biodyn_ros.events.page import events_page
 from biodyn_ros.events.text import text_of
 from biodyn_ros.reading.events_file import load_events, write_events
+from biodyn_ros.reading.parts import BagPart
+from biodyn_ros.reading.sensors import ReadingOptions, open_sensors
 from blind.sessions.finding import score_of
 
 Floats = NDArray[np.float64]
@@ -183,6 +185,24 @@ def test_a_session_at_rest_gives_gravity_to_another(tmp_path: Path) -> None:
         find_sessions([rest], options, lambda done, total: None)
     with empty_drawings():
         assert "rest.mcap" in Page(events_page(sessions)).text
+
+
+@pytest.mark.parametrize(("hours", "begin_s"), [(1.6, 5755.0), (24.0, 86390.0)])
+def test_the_last_event_of_a_long_session_is_read(hours: float, begin_s: float, tmp_path: Path) -> None:
+    """The clock of the seat is 200 ppm fast: its last stamps are later than the end of the bag by the recorder's."""
+    since_ns = 10**9 * np.arange(round(3600 * hours) + 1)
+    logged_ns = START_NS + np.rint((1.0 - 2e-4) * since_ns).astype(np.int64)
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        writer.add_topic(INPUT["seat"], IMU_TYPE)
+        samples = np.tile([0.0, 0.0, G], (since_ns.size, 1))
+        writer.write(INPUT["seat"], logged_ns, encode_imu(START_NS + since_ns, samples, None, "seat"))
+    end_s = 1e-9 * float(since_ns[-1])
+    with open_sensors(BagPart(tmp_path / "a.mcap", begin_s, end_s), ReadingOptions()) as reading:
+        stamps = np.concatenate([block.stamps_ns for _, block in reading.blocks(lambda done, total: None)])
+    assert np.array_equal(stamps, START_NS + since_ns[round(begin_s) :])
+    outside = f"{tmp_path / 'a.mcap'}@9..86430"
+    with pytest.raises(InputError, match="outside the bag"), open_sensors(outside, ReadingOptions()):
+        pass
 
 
 def test_only_the_shocks_in_the_warm_up_are_left_out() -> None:

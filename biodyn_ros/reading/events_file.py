@@ -22,7 +22,7 @@ from biodyn_core.base.yaml_files import mapping_of, read_yaml, text_of
 from biodyn_core.sessions.findings import Event, Findings, Rest
 from biodyn_ros import __version__
 from biodyn_ros.base.files import exists, write_text
-from biodyn_ros.reading.parts import BEYOND_S, BagPart
+from biodyn_ros.reading.parts import BagPart, latest_end_s
 from biodyn_ros.reading.provenance import bag_sha256
 
 SCHEMA: Final = 1
@@ -206,7 +206,7 @@ def _interval(ends: object, where: str, seconds: float) -> tuple[float, float]:
     if not isinstance(ends, list) or len(ends) != 2:
         raise InputError(f"{where}: expected two times")
     begin_s, end_s = (_number(each, where) for each in ends)
-    if not 0.0 <= begin_s < end_s <= seconds + BEYOND_S:
+    if not 0.0 <= begin_s < end_s <= latest_end_s(seconds):
         raise InputError(f"{where}: {begin_s:g} to {end_s:g} s is not within the bag, which has {seconds:g} s")
     return begin_s, end_s
 
