@@ -121,6 +121,13 @@ def test_a_wrong_edit_is_one_line(place: Path, tmp_path: Path, edit: Edit, messa
     assert str(error.value).startswith(str(path)) and "\n" not in str(error.value)
 
 
+def test_a_file_of_a_long_session_is_read(place: Path) -> None:
+    """A day with an event each ten seconds has 1.8 MB."""
+    text = (place / "session.events.yaml").read_text()
+    (place / "long.yaml").write_text(text + f"# {'x' * 117}\n" * 15_000)
+    assert load_events(place / "long.yaml") == load_events(place / "session.events.yaml")
+
+
 def test_bags_parts_and_events_are_given_together(place: Path) -> None:
     given = bags_of([str(place / "session.events.yaml"), "a.mcap", "b.mcap@1..2"])
     assert given[-2] == "a.mcap" and str(given[-1]) == "b.mcap@1..2" and len(given) > 4

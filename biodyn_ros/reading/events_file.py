@@ -36,6 +36,9 @@ _EVENT_MORE: Final = ("name", "peak_mps2", "level_mps2", "aw_mps2", "shocks", "r
 _SESSION: Final = ("bag", "sha256", "seconds")
 _SESSION_MORE: Final = ("rests_s", "gravity_mps2", "clock_ppm", "faults", "warnings")
 
+MAX_BYTES: Final = 2**24
+"""Ten times a day with a shock each ten seconds; unlike other YAML files, a program writes it."""
+
 LARGEST_PPM: Final = 1000.0
 """A larger drift is none of a clock."""
 
@@ -89,7 +92,7 @@ def write_events(sessions: Sequence[FoundSession], path: Path) -> None:
 def load_events(path: str | Path) -> list[BagPart]:
     """The events of a file as parts of bags; raises InputError for an invalid file, or a bag that is not as it was."""
     path = Path(path)
-    whole = mapping_of(read_yaml(path), str(path), ("schema", "sessions", "events"), ("made_by", "version"))
+    whole = mapping_of(read_yaml(path, MAX_BYTES), str(path), ("schema", "sessions", "events"), ("made_by", "version"))
     if whole["schema"] != SCHEMA:
         raise InputError(f"{path}: schema is {whole['schema']!r}, this version reads {SCHEMA}: run biodyn events again")
     sessions = dict(_known_bag(each, path) for each in _list(whole["sessions"], f"{path}: sessions"))
