@@ -37,6 +37,7 @@ from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base.topics import INPUT
 from biodyn_ros.blue_trident import ImportOptions, document_of, import_blue_trident, rows, text_of
+from biodyn_ros.blue_trident import high_g as high_g_module
 from biodyn_ros.blue_trident.nexus import parse_start
 from biodyn_ros.reading.recordings import read_recordings
 from biodyn_ros.reading.sensors import ReadingOptions
@@ -281,6 +282,16 @@ def test_a_wrong_stamp_hides_no_later_shock_from_high_g(
     low.write_text("\n".join([*lines, ""]))
     row = imported(tmp_path / "csv", tmp_path / "b.mcap", {"seat": SERIALS["seat"]})["sensors"]["seat"]
     assert row["high_g"]["taken_over"] == 2 and row["clipped"] == 0
+
+
+def test_a_group_of_shocks_is_not_cut_within_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A group may last 2 s: the second shock begins before, along z, and hits x after."""
+    monkeypatch.setattr(high_g_module, "GROUP_S", 2.0)
+    along_z, along_x = shock((3.0, 4.998)), shock((5.002,), axis=0)
+    rest = shock((99.0,))
+    low = capture_u_files(tmp_path / "csv", SERIALS["seat"], lambda t: along_z(t) + along_x(t) - rest(t), 7.0)
+    row = imported(low.parent, tmp_path / "b.mcap", {"seat": SERIALS["seat"]})["sensors"]["seat"]
+    assert row["high_g"]["taken_over"] == 3 and row["clipped"] == 0
 
 
 def test_high_g_of_another_motion_is_not_used(tmp_path: Path) -> None:

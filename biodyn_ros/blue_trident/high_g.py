@@ -201,15 +201,19 @@ def _in_order(stamps: list[Integers], share: list[Floats], right: list[Floats]) 
 
 
 def _grouped(found: Sequence[Span], settings: DualRangeSettings) -> list[list[Span]]:
-    """Groups of spans whose surroundings overlap, of a minute at most."""
+    """Groups of spans whose surroundings overlap, of a minute at most; a cut is never within a shock."""
     groups: list[list[Span]] = []
+    end_s = -np.inf
     for span in found:
-        if groups and span.begin_s < min(
-            groups[-1][-1].end_s + 2.0 * settings.compared_s, groups[-1][0].begin_s + GROUP_S
+        near_s = end_s + 2.0 * BESIDE_S
+        if groups and span.begin_s < max(
+            near_s, min(end_s + 2.0 * settings.compared_s, groups[-1][0].begin_s + GROUP_S)
         ):
             groups[-1].append(span)
+            end_s = max(end_s, span.end_s)
         else:
             groups.append([span])
+            end_s = span.end_s
     return groups
 
 
