@@ -294,6 +294,20 @@ def test_a_group_of_shocks_is_not_cut_within_one(tmp_path: Path, monkeypatch: py
     assert row["high_g"]["taken_over"] == 3 and row["clipped"] == 0
 
 
+@pytest.mark.parametrize(("at_s", "replaced"), [((3.0,), 1), ((99.0,), 0)])
+def test_a_reading_that_is_stuck_at_the_end_of_the_range_has_its_own_reason(
+    at_s: tuple[float, ...], replaced: int, tmp_path: Path
+) -> None:
+    def stuck(t: Floats) -> Floats:
+        return np.where(((t > 4.5) & (t < 6.0))[:, None], [0.0, 0.0, 400.0], shock(at_s)(t))
+
+    low = capture_u_files(tmp_path / "csv", SERIALS["seat"], stuck, 7.0)
+    document = imported(low.parent, tmp_path / "b.mcap", {"seat": SERIALS["seat"]})
+    assert document["sensors"]["seat"]["high_g"]["taken_over"] == replaced
+    reason = "remain clipped: at the end of the range for over 1 s at a time, a fault that high-g does not replace"
+    assert any(line.endswith(reason) for line in document["warnings"])
+
+
 def test_high_g_of_another_motion_is_not_used(tmp_path: Path) -> None:
     low = capture_u_files(tmp_path / "csv", SERIALS["seat"], shock((3.0,)), seed=5)
     t = 0.0137 + np.arange(9000) / 1600.0

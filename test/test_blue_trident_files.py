@@ -20,6 +20,7 @@ from biodyn_core.conditioning.dual_range import DualRangeSettings, Stretch
 from biodyn_core.conditioning.range_alignment import align, bias, levels
 from biodyn_ros.bag import open_bag
 from biodyn_ros.base.topics import INPUT
+from biodyn_ros.blue_trident import rows
 from biodyn_ros.blue_trident.rows import _is_even
 from biodyn_ros.commands.cli import main
 from biodyn_ros.reading.sensors import ReadingOptions
@@ -193,8 +194,8 @@ def test_other_columns_and_units_of_capture_u_are_understood(tmp_path: Path) -> 
 def test_rows_with_more_cells_than_names_are_not_read_shifted(old: str, tmp_path: Path) -> None:
     """Decimal commas, and a cell too many in each row."""
     low = capture_u_files(tmp_path / "csv", "TS-1", shock((9.0,)), 0.5, None)
-    names, _, rows = low.read_text().partition("\n")
-    low.write_text(f"{names}\n{rows.replace(old, old.replace('.', ',') + '1')}")
+    names, _, numbers = low.read_text().partition("\n")
+    low.write_text(f"{names}\n{numbers.replace(old, old.replace('.', ',') + '1')}")
     with pytest.raises(InputError, match="has no sample: its rows have a wrong number of cells: export with decimal"):
         imported(low, tmp_path / "b.mcap", {"seat": "TS-1"})
 
@@ -231,6 +232,22 @@ def test_stamps_truncated_by_excel_are_refused(tmp_path: Path) -> None:
     low.write_text("\n".join([lines[0], *short, ""]))
     with pytest.raises(InputError, match="stamps do not increase: Excel rounds them"):
         imported(low, tmp_path / "b.mcap", {"seat": "TS-1"})
+
+
+@pytest.mark.parametrize("size", [1 << 22, 4000])
+def test_a_last_stamp_that_is_cut_short_ends_no_recording(
+    size: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rows, "BLOCK_BYTES", size)
+    capture_u_files(tmp_path / "csv", "TS-2", shock((9.0,)), 1.0, None)
+    low = capture_u_files(tmp_path / "csv", "TS-1", shock((9.0,)), 1.0, None)
+    lines = low.read_text().splitlines()
+    lines[-1] = lines[-1][:15] + lines[-1][16:]
+    low.write_text("\n".join([*lines, ""]))
+    document = imported(tmp_path / "csv", tmp_path / "b.mcap", {"seat": "TS-1", "head": "TS-2"})
+    row = document["sensors"]["seat"]
+    assert row["samples"] == 1125 and row["gaps"] == 0 and row["seconds"] == pytest.approx(1.0, abs=0.003)
+    assert "seat (TS-1): 1 stamp does not increase: written unchanged, rejected by replay" in document["warnings"]
 
 
 def test_a_damaged_byte_in_a_row_does_not_change_the_units(tmp_path: Path) -> None:
