@@ -15,6 +15,7 @@ from trident import (
     RAIL,
     TAKE,
     UNIX_US,
+    Floats,
     G,
     Wide,
     capture_u_files,
@@ -36,6 +37,7 @@ from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base.topics import INPUT
 from biodyn_ros.blue_trident import ImportOptions, document_of, import_blue_trident, rows, text_of
+from biodyn_ros.blue_trident import high_g as high_g_module
 from biodyn_ros.blue_trident.nexus import parse_start
 from biodyn_ros.reading.recordings import read_recordings
 from biodyn_ros.reading.sensors import ReadingOptions
@@ -244,6 +246,68 @@ def test_a_shock_missing_from_high_g_leaves_its_sensor_clipped(tmp_path: Path) -
     assert any("counts the high-g samples as clipped too" in line for line in document["warnings"])
 
 
+def test_a_span_beside_a_replaced_one_stays_clipped(tmp_path: Path) -> None:
+    """Two peaks 6 samples apart, and high-g is lost behind the second: its span lies where the first one fades."""
+
+    def force(t: Floats) -> Floats:
+        out = shock((99.0,))(t)
+        for at_s, peak_mps2 in ((6.0, 300.0), (6.0 + 6 / LOW_HZ, 400.0)):
+            out[:, 2] += peak_mps2 * np.exp(-0.5 * ((t - at_s) / 0.00085) ** 2)
+        return out
+
+    low = capture_u_files(tmp_path / "csv", SERIALS["seat"], force, 8.0)
+    high = low.with_name(low.name.replace("lowg", "highg"))
+    lines = high.read_text().splitlines()
+    kept = [line for line in lines[1:] if not 6.0178 < (int(line.split(",")[0]) - UNIX_US) * 1e-6 < 6.18]
+    high.write_text("\n".join([lines[0], *kept, ""]))
+    bag = tmp_path / "one.mcap"
+    row = imported(tmp_path / "csv", bag, {"seat": SERIALS["seat"]})["sensors"]["seat"]
+    assert row["high_g"]["taken_over"] == 1 == row["high_g"]["left"] and row["clipped"] == 3
+    with open_bag(bag) as reader:
+        assert "saturation_mps2" not in reader.metadata("biodyn")
+    accel = samples(bag, "seat")[1][6750:, 2]
+    assert (np.abs(accel[5:8] - RAIL) < 0.1).all() and accel[:3].max() > 280.0
+
+
+@pytest.mark.parametrize(("ahead_us", "size"), [(1_000_000_000, 1 << 22), (1_000_000_000, 73), (-100_000, 1 << 22)])
+def test_a_wrong_stamp_hides_no_later_shock_from_high_g(
+    ahead_us: int, size: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One row of low-g between two shocks, also as the last one of a block."""
+    monkeypatch.setattr(rows, "BLOCK_BYTES", size * 100)
+    low = capture_u_files(tmp_path / "csv", SERIALS["seat"], shock((1.6, 7.0)), 8.0)
+    lines = low.read_text().splitlines()
+    stamp, _, others = lines[4500].partition(",")
+    lines[4500] = f"{int(stamp) + ahead_us},{others}"
+    low.write_text("\n".join([*lines, ""]))
+    row = imported(tmp_path / "csv", tmp_path / "b.mcap", {"seat": SERIALS["seat"]})["sensors"]["seat"]
+    assert row["high_g"]["taken_over"] == 2 and row["clipped"] == 0
+
+
+def test_a_group_of_shocks_is_not_cut_within_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A group may last 2 s: the second shock begins before, along z, and hits x after."""
+    monkeypatch.setattr(high_g_module, "GROUP_S", 2.0)
+    along_z, along_x = shock((3.0, 4.998)), shock((5.002,), axis=0)
+    rest = shock((99.0,))
+    low = capture_u_files(tmp_path / "csv", SERIALS["seat"], lambda t: along_z(t) + along_x(t) - rest(t), 7.0)
+    row = imported(low.parent, tmp_path / "b.mcap", {"seat": SERIALS["seat"]})["sensors"]["seat"]
+    assert row["high_g"]["taken_over"] == 3 and row["clipped"] == 0
+
+
+@pytest.mark.parametrize(("at_s", "replaced"), [((3.0,), 1), ((99.0,), 0)])
+def test_a_reading_that_is_stuck_at_the_end_of_the_range_has_its_own_reason(
+    at_s: tuple[float, ...], replaced: int, tmp_path: Path
+) -> None:
+    def stuck(t: Floats) -> Floats:
+        return np.where(((t > 4.5) & (t < 6.0))[:, None], [0.0, 0.0, 400.0], shock(at_s)(t))
+
+    low = capture_u_files(tmp_path / "csv", SERIALS["seat"], stuck, 7.0)
+    document = imported(low.parent, tmp_path / "b.mcap", {"seat": SERIALS["seat"]})
+    assert document["sensors"]["seat"]["high_g"]["taken_over"] == replaced
+    reason = "remain clipped: at the end of the range for over 1 s at a time, a fault that high-g does not replace"
+    assert any(line.endswith(reason) for line in document["warnings"])
+
+
 def test_high_g_of_another_motion_is_not_used(tmp_path: Path) -> None:
     low = capture_u_files(tmp_path / "csv", SERIALS["seat"], shock((3.0,)), seed=5)
     t = 0.0137 + np.arange(9000) / 1600.0
@@ -417,3 +481,17 @@ def test_the_next_section_ends_the_list_of_devices(tmp_path: Path) -> None:
     )
     document = imported(file, tmp_path / "b.mcap", {"seat": "TS-01874"})
     assert document["sensors"]["seat"]["samples"] == 60 and document["files"][0]["ragged_rows"] == 0
+    assert any(line.startswith("t.csv: what follows Trajectories in line ") for line in document["warnings"])
+
+
+@pytest.mark.parametrize("start_ns", [None, 10**18])
+def test_a_damaged_sub_frame_changes_no_other_stamp(start_ns: int | None, tmp_path: Path) -> None:
+    text, file = nexus_text({"TS-1": still(200)}), tmp_path / "t.csv"
+    file.write_text(text)
+    imported(file, tmp_path / "whole.mcap", {"seat": "TS-1"}, start_ns=start_ns)
+    file.write_text(text.replace("\r\n1,0,", "\r\n1,7,").replace("\r\n11,3,", "\r\n11,93,"))
+    document = imported(file, tmp_path / "b.mcap", {"seat": "TS-1"}, start_ns=start_ns)
+    whole, stamps = (samples(tmp_path / name, "seat")[0] for name in ("whole.mcap", "b.mcap"))
+    expected = np.delete(whole, [0, 53])
+    assert np.array_equal(np.diff(stamps), np.diff(expected)) and document["files"][0]["untimed_rows"] == 2
+    assert start_ns is not None or np.array_equal(stamps, expected)

@@ -20,6 +20,8 @@ from biodyn_core.conditioning.dual_range import DualRangeSettings, Stretch
 from biodyn_core.conditioning.range_alignment import align, bias, levels
 from biodyn_ros.bag import open_bag
 from biodyn_ros.base.topics import INPUT
+from biodyn_ros.blue_trident import rows
+from biodyn_ros.blue_trident.rows import _is_even
 from biodyn_ros.commands.cli import main
 from biodyn_ros.reading.sensors import ReadingOptions
 from biodyn_ros.replay.replaying import ReplayOptions, replay
@@ -100,6 +102,16 @@ def test_one_channel_in_two_files_is_refused(tmp_path: Path) -> None:
         imported(tmp_path / "csv", tmp_path / "b.mcap", {"seat": "TS-1"})
 
 
+def test_sensors_of_different_trials_of_nexus_are_not_merged(tmp_path: Path) -> None:
+    (tmp_path / "csv").mkdir()
+    for number in (1, 2):
+        (tmp_path / "csv" / f"trial_{number}.csv").write_text(nexus_text({f"TS-{number}": still(60, seed=number)}))
+    with pytest.raises(InputError, match=r"several trials of Nexus: trial_1, trial_2: .*choose one with --take TAKE"):
+        imported(tmp_path / "csv", tmp_path / "b.mcap", {"seat": "TS-1", "head": "TS-2"})
+    document = imported(tmp_path / "csv", tmp_path / "b.mcap", {"seat": "TS-1"})
+    assert document["take"] == "trial_1" and document["sensors"]["seat"]["samples"] == 60
+
+
 def test_high_g_alone_is_no_recording(tmp_path: Path) -> None:
     low = capture_u_files(tmp_path / "csv", "TS-1", shock((9.0,)), 0.5)
     low.unlink()
@@ -178,6 +190,31 @@ def test_other_columns_and_units_of_capture_u_are_understood(tmp_path: Path) -> 
     assert samples(tmp_path / "b.mcap", "seat")[1][:, 2] == pytest.approx(up * G, abs=1e-5)
 
 
+@pytest.mark.parametrize("old", [".", ",0."])
+def test_rows_with_more_cells_than_names_are_not_read_shifted(old: str, tmp_path: Path) -> None:
+    """Decimal commas, and a cell too many in each row."""
+    low = capture_u_files(tmp_path / "csv", "TS-1", shock((9.0,)), 0.5, None)
+    names, _, numbers = low.read_text().partition("\n")
+    low.write_text(f"{names}\n{numbers.replace(old, old.replace('.', ',') + '1')}")
+    with pytest.raises(InputError, match="has no sample: its rows have a wrong number of cells: export with decimal"):
+        imported(low, tmp_path / "b.mcap", {"seat": "TS-1"})
+
+
+def test_a_line_of_words_is_one_damaged_row_of_capture_u(tmp_path: Path) -> None:
+    low = capture_u_files(tmp_path / "csv", "TS-1", shock((9.0,)), 2.0, None)
+    lines = low.read_text().splitlines()
+    low.write_text("\n".join([*lines[:500], "nan", *lines[500:], ""]))
+    document = imported(low, tmp_path / "b.mcap", {"seat": "TS-1"})
+    assert document["sensors"]["seat"]["samples"] == 2250 and document["files"][0]["ragged_rows"] == 1
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_empty_cells_beyond_the_names_are_read_fast(end: str) -> None:
+    even = "1,2,,," + end + "3,4,,," + end
+    assert _is_even(even.encode(), 2) and _is_even(even.encode(), 5)
+    assert not _is_even(even.replace("4,,", "4,,5").encode(), 2)
+
+
 def test_impossible_stamps_are_left_out(tmp_path: Path) -> None:
     low = capture_u_files(tmp_path / "csv", "TS-1", shock((9.0,)), 0.5, None)
     lines = low.read_text().splitlines()
@@ -195,6 +232,22 @@ def test_stamps_truncated_by_excel_are_refused(tmp_path: Path) -> None:
     low.write_text("\n".join([lines[0], *short, ""]))
     with pytest.raises(InputError, match="stamps do not increase: Excel rounds them"):
         imported(low, tmp_path / "b.mcap", {"seat": "TS-1"})
+
+
+@pytest.mark.parametrize("size", [1 << 22, 4000])
+def test_a_last_stamp_that_is_cut_short_ends_no_recording(
+    size: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rows, "BLOCK_BYTES", size)
+    capture_u_files(tmp_path / "csv", "TS-2", shock((9.0,)), 1.0, None)
+    low = capture_u_files(tmp_path / "csv", "TS-1", shock((9.0,)), 1.0, None)
+    lines = low.read_text().splitlines()
+    lines[-1] = lines[-1][:15] + lines[-1][16:]
+    low.write_text("\n".join([*lines, ""]))
+    document = imported(tmp_path / "csv", tmp_path / "b.mcap", {"seat": "TS-1", "head": "TS-2"})
+    row = document["sensors"]["seat"]
+    assert row["samples"] == 1125 and row["gaps"] == 0 and row["seconds"] == pytest.approx(1.0, abs=0.003)
+    assert "seat (TS-1): 1 stamp does not increase: written unchanged, rejected by replay" in document["warnings"]
 
 
 def test_a_damaged_byte_in_a_row_does_not_change_the_units(tmp_path: Path) -> None:

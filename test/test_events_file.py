@@ -121,6 +121,13 @@ def test_a_wrong_edit_is_one_line(place: Path, tmp_path: Path, edit: Edit, messa
     assert str(error.value).startswith(str(path)) and "\n" not in str(error.value)
 
 
+def test_a_file_of_a_long_session_is_read(place: Path) -> None:
+    """A day with an event each ten seconds has 1.8 MB."""
+    text = (place / "session.events.yaml").read_text()
+    (place / "long.yaml").write_text(text + f"# {'x' * 117}\n" * 15_000)
+    assert load_events(place / "long.yaml") == load_events(place / "session.events.yaml")
+
+
 def test_bags_parts_and_events_are_given_together(place: Path) -> None:
     given = bags_of([str(place / "session.events.yaml"), "a.mcap", "b.mcap@1..2"])
     assert given[-2] == "a.mcap" and str(given[-1]) == "b.mcap@1..2" and len(given) > 4
@@ -382,6 +389,10 @@ def test_marks_of_the_node_about_the_fit_name_no_condition() -> None:
         ("start,case\n1,road\n", "line 2: the columns start, end, case are needed"),
         ("start,end,case\n1,x,road\n", "line 2: start and end are seconds, not '1' and 'x'"),
         ("start,end,case\n1,2,road\n5,4,rail\n", "line 3: the end, 4 s, is not after the start, 5 s"),
+        ("start,end,case\n\n\n0,20,a\nx,1,b\n", "line 5: start and end are seconds"),
+        ("start,end,case\n0,20,road\n20,30,---\n", "line 3: the case '---' has no letter or digit"),
+        ('start,end,case\n0,20,"gravel\n20,30,road\n', "cannot be read as a table .*: is a quote not closed?"),
+        (f'start,end,case\n0,20,"{"x" * 2**18}"\n', "cannot be read as a table .field larger than field limit"),
     ],
 )
 def test_a_wrong_table_is_one_line(tmp_path: Path, text: str, message: str) -> None:
@@ -389,6 +400,14 @@ def test_a_wrong_table_is_one_line(tmp_path: Path, text: str, message: str) -> N
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         read_spans(path)
+
+
+def test_a_table_is_of_one_session(place: Path, tmp_path: Path) -> None:
+    table = tmp_path / "cases.csv"
+    table.write_text("start,end,case\n0,60,gravel\n")
+    bags = [place / "session.mcap", cut(place / "session.mcap", tmp_path / "part", [(0.0, 30.0)])]
+    with pytest.raises(InputError, match=r"cases.csv: its times are of one session, 2 are given: run biodyn events"):
+        find_sessions(bags, SessionOptions(cases=str(table)), lambda done, total: None)
 
 
 @pytest.mark.parametrize(("seat_from_s", "gravel_from_s"), [(0.0, 1.0), (2.5, 10.0)])
@@ -405,13 +424,14 @@ def test_marks_of_the_bag_name_its_events(
             kept = block.log_ns >= begin_ns + (round(1e9 * seat_from_s) if block.topic == topics.INPUT[SEAT] else 0)
             writer.write(block.topic, block.log_ns[kept], messages[kept])
         writer.add_topic("/car/biodyn/marks", STRING_TYPE)
-        for at_s, name in ((gravel_from_s, "Gravel"), (19.0, "end")):
+        for at_s, name in ((gravel_from_s, "Gravel"), (gravel_from_s + 0.5, "!!"), (19.0, "end")):
             data = name.encode() + b"\0"
             message = bytes([0, 1, 0, 0]) + len(data).to_bytes(4, "little") + data
             stamp = np.array([begin_ns + round(1e9 * at_s)])
             writer.write("/car/biodyn/marks", stamp, np.frombuffer(message, np.uint8)[None])
-    cases = [event.case for event in find_events(bag, SessionOptions(cases="marks")).findings.events]
-    assert cases == ["gravel", "pothole", "rail", "road"]
+    found = find_events(bag, SessionOptions(cases="marks"))
+    assert [event.case for event in found.findings.events] == ["gravel", "pothole", "rail", "road"]
+    assert [line for line in found.warnings if line.startswith("the mark '!!' at ")]
 
 
 def test_marks_of_a_bag_are_needed_to_name_by_them(place: Path) -> None:

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from pages import Page, empty_drawings
 from recordings import tram
 from scipy import signal
 from world import sensors
@@ -26,6 +27,15 @@ from biodyn_core.sessions.findings import Findings
 from biodyn_core.sessions.relative_drift import PhaseMeter, block_extent
 from biodyn_core.sessions.session import Session
 from biodyn_core.sessions.settings import SessionSettings
+from biodyn_ros.bag import BagWriter
+from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
+from biodyn_ros.base.topics import INPUT
+from biodyn_ros.events.finding import SessionOptions, find_events, find_sessions
+from biodyn_ros.events.page import events_page
+from biodyn_ros.events.text import text_of
+from biodyn_ros.reading.events_file import load_events, write_events
+from biodyn_ros.reading.parts import BagPart
+from biodyn_ros.reading.sensors import ReadingOptions, open_sensors
 from blind.sessions.finding import score_of
 
 Floats = NDArray[np.float64]
@@ -93,6 +103,14 @@ def with_shocks(up_mps2: Floats, at_s: list[float], peak_g: float = 1.5) -> Floa
     return moved
 
 
+def bag_of(path: Path, stamps_ns: Integers, samples: Floats) -> Path:
+    """A bag of a seat."""
+    with BagWriter(path) as writer:
+        writer.add_topic(INPUT["seat"], IMU_TYPE)
+        writer.write(INPUT["seat"], stamps_ns, encode_imu(stamps_ns, samples, None, "seat"))
+    return path
+
+
 def test_planted_shocks_are_found_and_named() -> None:
     """By the study's own counts; 40 minutes are in docs/sessions_study.md."""
     score = score_of(6.0, 21)
@@ -143,6 +161,49 @@ def test_a_shock_without_a_warm_up_is_left_out_with_its_reason() -> None:
     found = found_in({"seat": made(30.0, with_shocks(shaken(30.0, 0.5, begin_s=0.5), [1.5]))})
     assert not [event for event in found.events if event.shocks]
     assert any("warm-up" in line for line in found.warnings)
+
+
+def test_the_reason_reaches_the_user_of_a_bag(tmp_path: Path) -> None:
+    up = with_shocks(shaken(30.0, 0.5, begin_s=0.5), [1.5])
+    warnings = find_events(bag_of(tmp_path / "a.mcap", *made(30.0, up))).all_warnings
+    assert any(line.startswith("a shock at 1.5 s is left out: ") for line in warnings)
+    assert [line for line in warnings if line.startswith("head: ")] == ["head: not in the bag"]
+
+
+def test_a_session_at_rest_gives_gravity_to_another(tmp_path: Path) -> None:
+    """The remedy that is offered for a session without rest: another one with some seconds at rest."""
+    stamps, samples = made(30.0, shaken(30.0, 0.8, begin_s=0.0))
+    moving = bag_of(tmp_path / "moving.mcap", stamps + 100 * 10**9, samples)
+    rest = bag_of(tmp_path / "rest.mcap", *made(20.0))
+    options = SessionOptions(allowed=("one-condition",))
+    with pytest.raises(InputError, match=r"moving.mcap: no rest in 30.0 s"):
+        find_sessions([moving], options, lambda done, total: None)
+    sessions = find_sessions([moving, rest], options, lambda done, total: None)
+    write_events(sessions, tmp_path / "both.yaml")
+    assert {part.rest_bag for part in load_events(tmp_path / "both.yaml")} == {rest}
+    assert "1 rest of 20.0 s in all, 0 events\n" in text_of(sessions)
+    with pytest.raises(InputError, match=r"rest.mcap: no event in 20.0 s"):
+        find_sessions([rest], options, lambda done, total: None)
+    with empty_drawings():
+        assert "rest.mcap" in Page(events_page(sessions)).text
+
+
+@pytest.mark.parametrize(("hours", "begin_s"), [(1.6, 5755.0), (24.0, 86390.0)])
+def test_the_last_event_of_a_long_session_is_read(hours: float, begin_s: float, tmp_path: Path) -> None:
+    """The clock of the seat is 200 ppm fast: its last stamps are later than the end of the bag by the recorder's."""
+    since_ns = 10**9 * np.arange(round(3600 * hours) + 1)
+    logged_ns = START_NS + np.rint((1.0 - 2e-4) * since_ns).astype(np.int64)
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        writer.add_topic(INPUT["seat"], IMU_TYPE)
+        samples = np.tile([0.0, 0.0, G], (since_ns.size, 1))
+        writer.write(INPUT["seat"], logged_ns, encode_imu(START_NS + since_ns, samples, None, "seat"))
+    end_s = 1e-9 * float(since_ns[-1])
+    with open_sensors(BagPart(tmp_path / "a.mcap", begin_s, end_s), ReadingOptions()) as reading:
+        stamps = np.concatenate([block.stamps_ns for _, block in reading.blocks(lambda done, total: None)])
+    assert np.array_equal(stamps, START_NS + since_ns[round(begin_s) :])
+    outside = f"{tmp_path / 'a.mcap'}@9..86430"
+    with pytest.raises(InputError, match="outside the bag"), open_sensors(outside, ReadingOptions()):
+        pass
 
 
 def test_only_the_shocks_in_the_warm_up_are_left_out() -> None:

@@ -22,6 +22,7 @@ BAD = {
     "larger than anybody writes": ("a: 1\n" + "#" * MAX_BYTES, "larger than 1024 KiB"),
     "a tag that runs code": ("!!python/object/apply:os.system ['true']", "could not determine a constructor"),
     "deeper than the stack": ("[" * 20_000, "not a YAML file"),
+    "deeper than the stack by lines": ("- " * 20_000, "not a YAML file"),
     "not UTF-8": (b"\xff\xfe\x00", "not a YAML file"),
     "a key twice": ("a: 1\na: 2", "a: given twice"),
     "one key as whole and as real number": ("1: x\n1.0: y", "1.0: given twice"),

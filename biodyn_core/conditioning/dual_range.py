@@ -146,13 +146,19 @@ def covered(found: Sequence[Span], stretch: Stretch, corrected_mps2: Floats, set
         reach = MARGIN + FADE
         values = corrected_mps2[max(first - reach, 0) : last + reach + 1, span.axis]
         inside = corrected_mps2[first : last + 1, span.axis]
+        if not inside.size:
+            continue  # its stamps are damaged
         if np.isfinite(values).all() and (span.sign * inside).max() >= MIN_AGREEMENT * settings.saturation_mps2:
             kept.append(span)
     return kept
 
 
-def shares(low_s: Floats, period_s: float, taken: Sequence[Span]) -> Floats:
-    """Share of the wide channel in each reading, 0 to 1, (n, 3); a function of time alone."""
+def shares(low_s: Floats, period_s: float, taken: Sequence[Span], left: Sequence[Span] = ()) -> Floats:
+    """Share of the wide channel in each reading, 0 to 1, (n, 3); a function of time alone.
+
+    taken: spans that the wide channel replaces. left: spans that stay at the rail, even beside a replaced one: a blend
+    would hide that they are clipped.
+    """
     out = np.zeros((low_s.size, 3))
     reach_s = (MARGIN + FADE + 0.5) * period_s
     for span in taken:
@@ -165,6 +171,9 @@ def shares(low_s: Floats, period_s: float, taken: Sequence[Span]) -> Floats:
         share = 0.5 + 0.5 * np.cos(np.pi * fade)
         share[fade >= 1.0 - 1e-6] = 0.0
         out[lo:hi, span.axis] = np.maximum(out[lo:hi, span.axis], share)
+    for span in left:
+        lo, hi = np.searchsorted(low_s, span.begin_s), np.searchsorted(low_s, span.end_s, side="right")
+        out[lo:hi, span.axis] = 0.0
     return out
 
 

@@ -130,6 +130,12 @@ def choose(found: FoundExports, mapping: Mapping[str, str], take: str | None) ->
         raise InputError(
             f"{found.place}: exports of {' and '.join(sorted(kinds))} have different clocks: give one of them"
         )
+    if "Nexus" in kinds and len(exports) > 1:
+        trials = listed(sorted(export.take for export in exports))
+        raise InputError(
+            f"{found.place}: the sensors are in several trials of Nexus: {trials}: each counts its frames from its own"
+            " start: choose one with --take TAKE"
+        )
     return ChosenExports(tuple(exports), {serial: sensor for sensor, serial in mapping.items()})
 
 

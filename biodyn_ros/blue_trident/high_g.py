@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.conditioning.dual_range import Span, Stretch, covered, merged, shares
 from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
 from biodyn_core.conditioning.range_alignment import Alignment, align, bias, corrected, levels, plausible
@@ -80,6 +80,7 @@ class Comparison:
         self._rows: dict[Channel, tuple[Floats, Floats]] = {
             channel: (np.empty(0), np.empty((0, 3))) for channel in ("low", "high")
         }
+        self._held = dict(self._rows)
         self._upto: dict[Channel, float] = {"low": -np.inf, "high": -np.inf}
         self._done = 0
         self._near: list[_Near] = []
@@ -96,6 +97,8 @@ class Comparison:
         """Compare the channels, and replace saturated values where possible."""
         if (last := self._cleaner.finish()) is not None:
             self._keep("low", last)
+        for channel, (time_s, accel_mps2) in self._held.items():
+            self._add(channel, np.append(time_s, np.inf), accel_mps2)
         self._digest(final=True)
         alignment = align([near.whole for near in self._near if near.whole is not None], self._settings)
         biases = [None if near.levels_mps2 is None else bias(near.levels_mps2, alignment) for near in self._near]
@@ -107,7 +110,9 @@ class Comparison:
             for near, value in zip(self._near, biases, strict=True):
                 values = corrected(near.part, alignment, mean if value is None else value)
                 kept = covered(near.spans, near.part, values, self._settings)
-                of_each = shares(near.part.low_s, 1.0 / self._rate_hz, kept)
+                here = set(kept)
+                left = [*self._stuck, *(span for span in near.spans if span not in here)]
+                of_each = shares(near.part.low_s, 1.0 / self._rate_hz, kept, left)
                 used = of_each.any(axis=1)
                 replaced += kept
                 stamps.append(self._epoch_ns + np.rint(1e9 * near.part.low_s[used]).astype(np.int64))
@@ -118,23 +123,29 @@ class Comparison:
         return Replacement(*_in_order(stamps, share, right), alignment, mean, tuple(replaced), tuple(remaining))
 
     def _keep(self, channel: Channel, samples: Samples) -> None:
-        """Add the samples around saturations, in ascending order of time."""
+        """Add the samples around saturations but the last one, whose stamp is judged by the next one."""
         if not len(samples.stamps_ns) or not len(self._groups):
             return
-        time_s = 1e-9 * (samples.stamps_ns - self._epoch_ns)
-        ascending = time_s > np.maximum.accumulate(np.concatenate([[self._upto[channel]], time_s[:-1]]))
-        self._upto[channel] = max(self._upto[channel], float(time_s.max()))
+        held_s, held = self._held[channel]
+        time_s = np.concatenate([held_s, 1e-9 * (samples.stamps_ns - self._epoch_ns)])
+        accel = np.concatenate([held, samples.accel_mps2])
+        self._held[channel] = time_s[-1:], accel[-1:]
+        self._add(channel, time_s, accel[:-1])
+
+    def _add(self, channel: Channel, time_s: Floats, accel: Floats) -> None:
+        """Add samples (n, 3) around saturations; time_s (n + 1,): of them and of the next one."""
+        wanted = _ascending(time_s, self._upto[channel])
+        time_s = time_s[:-1]
+        if not wanted.any():
+            return
+        self._upto[channel] = float(time_s[wanted][-1])
         group = np.searchsorted(self._begins, time_s, side="right") - 1
-        wanted = ascending & (group >= 0) & (time_s <= self._ends[np.maximum(group, 0)])
-        accel = samples.accel_mps2
+        wanted &= (group >= 0) & (time_s <= self._ends[np.maximum(group, 0)])
         if channel == "high":
-            real = (accel != 0.0).any(axis=1) & (np.abs(accel) < MAX_PLAUSIBLE_MPS2).all(axis=1)
-            wanted &= real
+            wanted &= (accel != 0.0).any(axis=1) & (np.abs(accel) < MAX_PLAUSIBLE_MPS2).all(axis=1)
         if wanted.any():
             old_s, old = self._rows[channel]
-            self._rows[channel] = (
-                np.concatenate([old_s, time_s[wanted]]), np.concatenate([old, samples.accel_mps2[wanted]])
-            )  # fmt: skip
+            self._rows[channel] = np.concatenate([old_s, time_s[wanted]]), np.concatenate([old, accel[wanted]])
 
     def _digest(self, final: bool) -> None:
         """Reduce every stretch that both channels have passed."""
@@ -169,6 +180,18 @@ class Comparison:
         return _Near(tuple(group), part, kept, found)
 
 
+def _ascending(time_s: Floats, before_s: float) -> Flags:
+    """Flags of the samples but the last that ascend from a time on, without those behind them and outliers ahead.
+
+    A time after which the next one is earlier, but still later than the one before it, is an outlier: it must not put
+    all later samples behind it.
+    """
+    now_s, next_s = time_s[:-1], time_s[1:]
+    outlier = (next_s < now_s) & (next_s > np.concatenate([[before_s], now_s[:-1]])[: now_s.size])
+    latest_s = np.maximum.accumulate(np.concatenate([[before_s], np.where(outlier, -np.inf, now_s)]))
+    return np.asarray(~outlier & (now_s > latest_s[:-1]))
+
+
 def _in_order(stamps: list[Integers], share: list[Floats], right: list[Floats]) -> tuple[Integers, Floats, Floats]:
     """All values in order of time, without duplicates of overlapping stretches."""
     if not stamps:
@@ -178,15 +201,19 @@ def _in_order(stamps: list[Integers], share: list[Floats], right: list[Floats]) 
 
 
 def _grouped(found: Sequence[Span], settings: DualRangeSettings) -> list[list[Span]]:
-    """Groups of spans whose surroundings overlap, of a minute at most."""
+    """Groups of spans whose surroundings overlap, of a minute at most; a cut is never within a shock."""
     groups: list[list[Span]] = []
+    end_s = -np.inf
     for span in found:
-        if groups and span.begin_s < min(
-            groups[-1][-1].end_s + 2.0 * settings.compared_s, groups[-1][0].begin_s + GROUP_S
+        near_s = end_s + 2.0 * BESIDE_S
+        if groups and span.begin_s < max(
+            near_s, min(end_s + 2.0 * settings.compared_s, groups[-1][0].begin_s + GROUP_S)
         ):
             groups[-1].append(span)
+            end_s = max(end_s, span.end_s)
         else:
             groups.append([span])
+            end_s = span.end_s
     return groups
 
 

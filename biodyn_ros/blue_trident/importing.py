@@ -93,8 +93,10 @@ def _check(chosen: ChosenExports, read: SurveyResult) -> None:
         file = chosen.file_of(serial, "low")
         assert file is not None
         if not one.count:
+            ragged = read.damage[file].ragged
+            why = "its rows have a wrong number of cells: export with decimal points" if ragged else ""
             raise InputError(
-                f"{file.path}: {serial} ({chosen.sensors[serial]}) has no sample: remove it from the mapping"
+                f"{file.path}: {serial} ({chosen.sensors[serial]}) has no sample: {why or 'remove it from the mapping'}"
             )
         if one.back > one.count // 2:
             raise InputError(

@@ -56,14 +56,18 @@ class Nexus:
         firsts = [triplet.first for found in self.triplets.values() for triplet in found.values()]
         columns = [0, 1, *(first + axis for first in firsts for axis in range(3))]
         at = {first: 2 + 3 * number for number, first in enumerate(firsts)}
-        per_frame, first_index = 0, 0
-        for read, rows in number_rows(self.path, self.skip_lines, columns, self.width, damage, max_bytes):
+        per_frame = 0
+        first_index: int | None = None
+        every = number_rows(self.path, self.skip_lines, columns, self.width, damage, max_bytes, sections=True)
+        for read, rows in every:
             good = _numbered(rows)
+            per_frame = per_frame or _per_frame(good)
+            good = good[good[:, 1] < per_frame]
             damage.untimed += len(rows) - len(good)
-            if len(good) and not per_frame:
-                per_frame = int(good[:, 1].max()) + 1
-                first_index = int(good[0, 0] * per_frame + good[0, 1]) if start_ns else 0
-            index = (good[:, 0] * per_frame + good[:, 1]).astype(np.int64) - first_index
+            index = (good[:, 0] * per_frame + good[:, 1]).astype(np.int64)
+            if first_index is None and index.size:
+                first_index = int(index[0]) if start_ns else 0
+            index -= first_index or 0
             since_s = index / self.rate_hz
             kept = np.abs(since_s) < 0.5 * LATEST_S
             damage.untimed += int((~kept).sum())
@@ -155,6 +159,21 @@ def _numbered(rows: Floats) -> Floats:
     with np.errstate(invalid="ignore"):
         good = (frame >= 0) & (frame < MAX_FRAMES) & (sub >= 0) & (sub < MAX_SUB_FRAMES)
         return rows[good & (frame % 1.0 == 0.0) & (sub % 1.0 == 0.0)]
+
+
+def _per_frame(rows: Floats) -> int:
+    """The number of sub frames of a frame, 0 without rows.
+
+    A damaged number must not change the time of all rows, so the sub frame that most often precedes a change of frame
+    is the last one.
+    """
+    if not len(rows):
+        return 0
+    ends = rows[:-1, 1][np.diff(rows[:, 0]) != 0.0]
+    if not ends.size:
+        return int(rows[:, 1].max()) + 1
+    values, counts = np.unique(ends, return_counts=True)
+    return int(values[counts.argmax()]) + 1
 
 
 def parse_start(text: str) -> int:

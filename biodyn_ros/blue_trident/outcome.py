@@ -18,7 +18,7 @@ from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
 from biodyn_ros import __version__
 from biodyn_ros.base.wording import number, table
 from biodyn_ros.blue_trident.exports import ChosenExports, FoundExports
-from biodyn_ros.blue_trident.high_g import Replacement
+from biodyn_ros.blue_trident.high_g import LONGEST_SPAN_S, Replacement
 from biodyn_ros.blue_trident.rows import Damage
 from biodyn_ros.blue_trident.samples import Export, Kind
 from biodyn_ros.blue_trident.survey import SensorSurvey, SurveyResult
@@ -235,6 +235,8 @@ def _damage_lines(path: Path, damage: Damage) -> list[str]:
     where = f", the first in line {damage.first_line}" if damage.first_line else ""
     counts = {name: getattr(damage, name) for name in _DAMAGE}
     lines = [f"{path.name}: {_DAMAGE[name]}: {count}{where}" for name, count in counts.items() if count]
+    if damage.section:
+        lines.append(f"{path.name}: what follows {damage.section} is another section and left out")
     if damage.cut:
         lines.append(f"{path.name}: the last line is incomplete and left out; is the file still being written?")
     return lines
@@ -275,6 +277,15 @@ def _why(outcome: Outcome, serial: str, replacement: Replacement | None) -> str:
         return "high-g is switched off"
     if outcome.chosen.file_of(serial, "high") is None:
         return "no high-g file of this sensor"
-    if replacement is None or not (replacement.replaced or any(replacement.bias_mps2)):
-        return "too few valid low-g samples around them to calibrate high-g"
-    return "high-g is missing, saturated, stuck or inconsistent there"
+    stuck = f"at the end of the range for over {LONGEST_SPAN_S:g} s at a time, a fault that high-g does not replace"
+    remaining = () if replacement is None else replacement.remaining
+    long = [span for span in remaining if span.end_s - span.begin_s > LONGEST_SPAN_S]
+    if long and len(long) == len(remaining):
+        return stuck
+    known = replacement is not None and (replacement.replaced or any(replacement.bias_mps2))
+    cause = (
+        "high-g is missing, saturated, stuck or inconsistent there"
+        if known
+        else "too few valid low-g samples around them to calibrate high-g"
+    )
+    return f"{cause}, or they are {stuck}" if long else cause

@@ -27,13 +27,17 @@ _UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
 
 @dataclass
 class Damage:
-    """Omitted parts of a file: ragged rows, rows without a valid time, cells without a number, a cut last line."""
+    """Omitted parts of a file: ragged rows, rows without a valid time, cells without a number, a cut last line.
+
+    section: the line of words that ended the rows, with its number.
+    """
 
     ragged: int = 0
     no_number: int = 0
     untimed: int = 0
     first_line: int | None = None
     cut: bool = False
+    section: str = ""
 
     def at(self, line: int) -> None:
         """Note the line of the first damage."""
@@ -67,17 +71,24 @@ def _text(line: bytes) -> str:
 
 
 def number_rows(
-    path: Path, skip_lines: int, columns: Sequence[int], width: int, damage: Damage, max_bytes: int
+    path: Path,
+    skip_lines: int,
+    columns: Sequence[int],
+    width: int,
+    damage: Damage,
+    max_bytes: int,
+    sections: bool = False,
 ) -> Iterator[tuple[int, Floats]]:
     """Yield (bytes read since the last block, rows (n, k)) of a file after its first lines; k of `width` columns.
 
     A cell that is empty or no number is NaN. A row of another width is omitted, as is a last line without an end of
-    line, which may be cut within a number. The rows end with the file, after `max_bytes`, or at a line of words, which
-    starts another section. `damage` counts the omitted parts. InputError for a line longer than a block.
+    line, which may be cut within a number. The rows end with the file, after `max_bytes`, or in a file of `sections` at
+    a line of words, which starts another one. `damage` counts the omitted parts. InputError for a line longer than a
+    block.
     """
     line = skip_lines
     for read, block in _blocks(path, skip_lines, damage, max_bytes):
-        rows, ended = _rows(block, line, columns, width, damage)
+        rows, ended = _rows(block, line, columns, width, damage, sections)
         line += block.count(b"\n")
         yield read, rows
         if ended:
@@ -106,21 +117,29 @@ def _blocks(path: Path, skip_lines: int, damage: Damage, max_bytes: int) -> Iter
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
 
 
-def _rows(block: bytes, line: int, columns: Sequence[int], width: int, damage: Damage) -> tuple[Floats, bool]:
+def _rows(
+    block: bytes, line: int, columns: Sequence[int], width: int, damage: Damage, sections: bool
+) -> tuple[Floats, bool]:
     if _is_even(block, width):
         try:
             return _fast(block, columns), False
         except ValueError:
             pass  # a cell is no number
-    return _cell_by_cell(block, line, columns, width, damage)
+    return _cell_by_cell(block, line, columns, width, damage, sections)
 
 
 def _is_even(block: bytes, width: int) -> bool:
-    """Whether all lines have the same number of cells, at least `width`; Excel may add empty cells."""
+    """Whether all lines have the same number of cells, at least `width`, and empty ones beyond, as Excel adds them."""
     data = np.frombuffer(block, dtype=np.uint8)
     ends, commas = np.flatnonzero(data == 10), np.flatnonzero(data == 44)
     per_line = np.diff(np.searchsorted(commas, ends), prepend=0)
-    return bool(per_line.size) and int(per_line[0]) >= width - 1 and bool((per_line == per_line[0]).all())
+    if not per_line.size or per_line[0] < width - 1 or (per_line != per_line[0]).any():
+        return False
+    surplus = int(per_line[0]) - (width - 1)
+    if not surplus:
+        return True
+    beyond = ends - commas.reshape(ends.size, -1)[:, width - 1] - (data[ends - 1] == 13)
+    return bool((beyond == surplus).all())
 
 
 def _fast(block: bytes, columns: Sequence[int]) -> Floats:
@@ -128,7 +147,9 @@ def _fast(block: bytes, columns: Sequence[int]) -> Floats:
     return rows.astype(np.float64, copy=False)
 
 
-def _cell_by_cell(block: bytes, line: int, columns: Sequence[int], width: int, damage: Damage) -> tuple[Floats, bool]:
+def _cell_by_cell(
+    block: bytes, line: int, columns: Sequence[int], width: int, damage: Damage, sections: bool
+) -> tuple[Floats, bool]:
     """The same line by line, with a count of invalid numbers; and whether another section starts."""
     rows = []
     for number, whole in enumerate(block.split(b"\n")[:-1], start=line + 1):
@@ -137,7 +158,8 @@ def _cell_by_cell(block: bytes, line: int, columns: Sequence[int], width: int, d
             continue
         cells = text.split(b",")
         if len(cells) < width or any(cell.strip() for cell in cells[width:]):
-            if _ENDED.fullmatch(text.rstrip(b",")):
+            if sections and _ENDED.fullmatch(text.rstrip(b",")):
+                damage.section = f"{_text(text.rstrip(b',')).strip()} in line {number}"
                 return _table(rows, len(columns)), True
             damage.ragged += 1
             damage.at(number)

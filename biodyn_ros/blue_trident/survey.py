@@ -23,7 +23,7 @@ REPEATED: Final = 4
 
 @dataclass(eq=False)
 class SensorSurvey:
-    """Survey of one sensor's cleaned low-g channel."""
+    """Survey of one sensor's cleaned low-g channel; last_ns: the last stamp that increases."""
 
     cleaner: Cleaner = field(default_factory=Cleaner)
     count: int = 0
@@ -34,6 +34,7 @@ class SensorSurvey:
     gyro: bool = False
     top_mps2: Floats = field(default_factory=lambda: np.zeros((2, 3)))
     tops: Integers = field(default_factory=lambda: np.zeros((2, 3), dtype=np.int64))
+    _previous_ns: int = 0
     _step_ns: float = 0.0
     _even_ns: int = 0
     _even: int = 0
@@ -44,9 +45,10 @@ class SensorSurvey:
         if not len(samples.stamps_ns):
             return
         if not self.count:
-            self.first_ns = self.last_ns = int(samples.stamps_ns[0])
+            self.first_ns = self.last_ns = self._previous_ns = int(samples.stamps_ns[0])
         self.gyro = samples.gyro_radps is not None
-        self._add_steps(np.diff(samples.stamps_ns, prepend=self.last_ns)[0 if self.count else 1 :])
+        steps_ns = np.diff(samples.stamps_ns, prepend=self._previous_ns)
+        self._add_steps(steps_ns[0 if self.count else 1 :])
         sides = saturated(samples.accel_mps2, settings)
         hit = sides.any(axis=1)
         if hit.any():
@@ -58,7 +60,10 @@ class SensorSurvey:
             self.top_mps2[row] = np.maximum(self.top_mps2[row], top)
             self.tops[row] += (values == self.top_mps2[row]).sum(axis=0)
         self.count += len(samples.stamps_ns)
-        self.last_ns = int(samples.stamps_ns[-1])
+        self._previous_ns = int(samples.stamps_ns[-1])
+        # A last stamp that is cut short would end the recording before its start.
+        if (steps_ns > 0).any():
+            self.last_ns = int(samples.stamps_ns[steps_ns > 0][-1])
 
     def spans(self) -> list[Span]:
         """Time spans of saturation, in seconds since the first sample."""

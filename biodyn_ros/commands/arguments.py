@@ -96,8 +96,8 @@ def add_cases(command: CommandParser) -> None:
         "--cases",
         default="seat",
         metavar="HOW",
-        help="loading conditions: by the seat's motion (seat), by the bag's marks (marks), or by a file with the"
-        " columns start,end,case (default seat)",
+        help="loading conditions: by the seat's motion (seat), by the bag's marks (marks), or for one session by a file"
+        " with the columns start,end,case (default seat)",
     )
     text = "accept sessions that are refused otherwise: no-rest, one-condition, late-sensor, separated by commas"
     command.add_argument("--allow", default="", metavar="REASON", help=text)

@@ -80,8 +80,8 @@ def _run(options: argparse.Namespace) -> None:
 COMMAND = Command(
     line="finds the events of recorded sessions",
     examples=(
-        "biodyn events session.mcap -o session.events.yaml",
-        "biodyn events session.mcap session_2.mcap -o anna.events.yaml --cases conditions.csv",
+        "biodyn events session.mcap session_2.mcap -o anna.events.yaml",
+        "biodyn events session.mcap -o session.events.yaml --cases conditions.csv",
     ),
     add=_add,
     run=_run,

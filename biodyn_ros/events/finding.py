@@ -77,6 +77,13 @@ def find_events(
 ) -> FoundSession:
     """Find the events of a session; raises InputError for a bag without a usable seat, or without events."""
     o = options or SessionOptions()
+    found = _found_in(bag, o, progress)
+    _check_events([found], o.session)
+    return found
+
+
+def _found_in(bag: str | Path, o: SessionOptions, progress: OnProgress) -> FoundSession:
+    """The findings of a session, which may be at rest throughout."""
     if not part_of(bag).is_whole:
         raise InputError(f"{bag}: events are found in whole bags; their parts are named in the events file")
     spans = [] if o.table is None else read_spans(o.table)
@@ -93,13 +100,17 @@ def find_events(
         findings, warnings, marks = session.finish(), sensors.bag_warnings(), sensors.marks()
         present = sensors.times
     check_seat(findings.statuses["seat"], str(bag))
-    if not findings.events:
-        raise InputError(f"{bag}: {_why_none(findings, o.session)}")
-    if o.cases == BY_MARKS:
+    if o.cases == BY_MARKS and findings.events:
         spans = spans_of(marks, findings.seconds, bag)
+        warnings += [
+            f"the mark {mark.name!r} at {mark.time_s:.1f} s has no letter or digit: it names no condition"
+            for mark in marks
+            if not _case_name(mark.name)
+        ]
     warnings = [*warnings, *sensors.clock_warnings(findings.seconds)]
-    shown = tuple(line for line in findings.warnings if line.partition(":")[0] in present or ":" not in line)
-    absent = tuple(f"{name}: not in the bag" for name in findings.statuses if name not in present)
+    missing = [name for name in findings.statuses if name not in present]
+    shown = tuple(line for line in findings.warnings if line.partition(":")[0] not in missing)
+    absent = tuple(f"{name}: not in the bag" for name in missing)
     if not findings.rests:
         absent = (*absent, NO_REST)
     findings = replace(findings, events=with_cases(findings.events, spans), warnings=(*absent, *shown))
@@ -118,14 +129,21 @@ def _at_begin(sensors: SensorReading, verticals: Mapping[str, Vector]) -> dict[s
 def find_sessions(bags: Sequence[str | Path], options: SessionOptions, progress: OnProgress) -> list[FoundSession]:
     """Find the events of sessions, with a name of its own for each event.
 
-    Raises InputError for a bag given twice, and for sessions that `check_sessions` refuses.
+    Raises InputError for a bag given twice, a table for several sessions, sessions without any event, and those that
+    `check_sessions` refuses.
     """
+    if options.table is not None and len(bags) > 1:
+        raise InputError(
+            f"{options.table}: its times are of one session, {len(bags)} are given: run biodyn events once per session,"
+            " or name the conditions by marks (--cases marks)"
+        )
     found: list[FoundSession] = []
     for number, bag in enumerate(bags):
-        one = find_events(bag, options, lambda done, total, at=number: progress(at * total + done, len(bags) * total))
+        one = _found_in(bag, options, lambda done, total, at=number: progress(at * total + done, len(bags) * total))
         if same := next((other.bag for other in found if other.sha256 == one.sha256), None):
             raise InputError(f"{bag}: the same recording as {same}; give it once")
         found.append(one)
+    _check_events(found, options.session)
     names = iter(named([event for one in found for event in one.findings.events]))
     sessions = [
         replace(
@@ -136,6 +154,12 @@ def find_sessions(bags: Sequence[str | Path], options: SessionOptions, progress:
     ]  # fmt: skip
     check_sessions(sessions, options.allowed)
     return sessions
+
+
+def _check_events(sessions: Sequence[FoundSession], settings: SessionSettings) -> None:
+    """Raise InputError for sessions without any event; one of several may give its rest alone."""
+    if not any(one.findings.events for one in sessions):
+        raise InputError(f"{sessions[0].bag}: {_why_none(sessions[0].findings, settings)}")
 
 
 def _seams(one: FoundSession, others: Sequence[FoundSession]) -> list[str]:
@@ -171,9 +195,10 @@ def _from(one: FoundSession, begin_ns: int, end_ns: int) -> int:
 def spans_of(marks: Sequence[Mark], seconds: float, bag: str | Path = "") -> list[CaseSpan]:
     """The loading condition from each mark to the next one; raises InputError without any mark.
 
-    Marks that the live node has set itself, about segments that the model does not fit, name none.
+    Marks that the live node has set itself, about segments that the model does not fit, name none; nor do those without
+    a letter or digit.
     """
-    marks = [mark for mark in marks if not mark.name.endswith((DOES_NOT_FIT, FITS_AGAIN))]
+    marks = [mark for mark in marks if _case_name(mark.name) and not mark.name.endswith((DOES_NOT_FIT, FITS_AGAIN))]
     if not marks:
         raise InputError(f"{bag}: has no marks: name conditions by the seat, or with a table (--cases FILE)")
     ends_s = [*(mark.time_s for mark in marks[1:]), seconds]
@@ -187,10 +212,15 @@ def spans_of(marks: Sequence[Mark], seconds: float, bag: str | Path = "") -> lis
 def read_spans(path: Path) -> list[CaseSpan]:
     """The loading conditions of a table with the columns start, end and case, seconds; raises InputError naming it."""
     try:
-        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines(), skipinitialspace=True))
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as a table ({error}){did_you_mean_file(path)}") from None
-    return [_span(row, f"{path}: line {number}") for number, row in enumerate(rows, 2)]
+    table = csv.DictReader(lines, skipinitialspace=True, strict=True)
+    try:
+        # Blank lines are no rows: the number of a line is known to the inner reader only.
+        return [_span(row, f"{path}: line {table.reader.line_num}") for row in table]
+    except csv.Error as error:
+        raise InputError(f"{path}: cannot be read as a table ({error}): is a quote not closed?") from None
 
 
 def _span(row: Mapping[str | None, str | None], where: str) -> CaseSpan:
@@ -203,6 +233,8 @@ def _span(row: Mapping[str | None, str | None], where: str) -> CaseSpan:
         raise InputError(f"{where}: start and end are seconds, not {start!r} and {end!r}") from None
     if not begin_s < end_s:
         raise InputError(f"{where}: the end, {end_s:g} s, is not after the start, {begin_s:g} s")
+    if not _case_name(case):
+        raise InputError(f"{where}: the case {case!r} has no letter or digit")
     return CaseSpan(begin_s, end_s, _case_name(case))
 
 

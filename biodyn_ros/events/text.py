@@ -32,14 +32,15 @@ def text_of(sessions: Sequence[FoundSession]) -> str:
 def _session_lines(one: FoundSession) -> list[str]:
     found = one.findings
     counts = Counter(event.case for event in found.events)
-    each = ", ".join(f"{count} {case}" for case, count in counts.items())
+    each = f": {', '.join(f'{count} {case}' for case, count in counts.items())}" if counts else ""
     rested_s = sum(rest.end_s - rest.begin_s for rest in found.rests)
     rests, events = counted(len(found.rests), "rest"), counted(len(found.events), "event")
     lines = [
-        f"{one.bag}: {found.seconds:.1f} s, {rests} of {rested_s:.1f} s in all, {events}: {each}",
+        f"{one.bag}: {found.seconds:.1f} s, {rests} of {rested_s:.1f} s in all, {events}{each}",
         "",
-        *table([*_HEADS, *(_row(event) for event in found.events[:MOST_ROWS])], left=(0, 6)),
     ]
+    if found.events:
+        lines += table([*_HEADS, *(_row(event) for event in found.events[:MOST_ROWS])], left=(0, 6))
     if len(found.events) > MOST_ROWS:
         lines.append(f"and {len(found.events) - MOST_ROWS} more")
     lines += _fault_lines(found.faults)

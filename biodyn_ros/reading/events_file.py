@@ -22,7 +22,7 @@ from biodyn_core.base.yaml_files import mapping_of, read_yaml, text_of
 from biodyn_core.sessions.findings import Event, Findings, Rest
 from biodyn_ros import __version__
 from biodyn_ros.base.files import exists, write_text
-from biodyn_ros.reading.parts import BEYOND_S, BagPart
+from biodyn_ros.reading.parts import BagPart, latest_end_s
 from biodyn_ros.reading.provenance import bag_sha256
 
 SCHEMA: Final = 1
@@ -35,6 +35,9 @@ _EVENT: Final = ("bag", "start_s", "end_s", "case")
 _EVENT_MORE: Final = ("name", "peak_mps2", "level_mps2", "aw_mps2", "shocks", "rest_s", "rest_bag", "quality")
 _SESSION: Final = ("bag", "sha256", "seconds")
 _SESSION_MORE: Final = ("rests_s", "gravity_mps2", "clock_ppm", "faults", "warnings")
+
+MAX_BYTES: Final = 2**24
+"""Ten times a day with a shock each ten seconds; unlike other YAML files, a program writes it."""
 
 LARGEST_PPM: Final = 1000.0
 """A larger drift is none of a clock."""
@@ -89,7 +92,7 @@ def write_events(sessions: Sequence[FoundSession], path: Path) -> None:
 def load_events(path: str | Path) -> list[BagPart]:
     """The events of a file as parts of bags; raises InputError for an invalid file, or a bag that is not as it was."""
     path = Path(path)
-    whole = mapping_of(read_yaml(path), str(path), ("schema", "sessions", "events"), ("made_by", "version"))
+    whole = mapping_of(read_yaml(path, MAX_BYTES), str(path), ("schema", "sessions", "events"), ("made_by", "version"))
     if whole["schema"] != SCHEMA:
         raise InputError(f"{path}: schema is {whole['schema']!r}, this version reads {SCHEMA}: run biodyn events again")
     sessions = dict(_known_bag(each, path) for each in _list(whole["sessions"], f"{path}: sessions"))
@@ -206,7 +209,7 @@ def _interval(ends: object, where: str, seconds: float) -> tuple[float, float]:
     if not isinstance(ends, list) or len(ends) != 2:
         raise InputError(f"{where}: expected two times")
     begin_s, end_s = (_number(each, where) for each in ends)
-    if not 0.0 <= begin_s < end_s <= seconds + BEYOND_S:
+    if not 0.0 <= begin_s < end_s <= latest_end_s(seconds):
         raise InputError(f"{where}: {begin_s:g} to {end_s:g} s is not within the bag, which has {seconds:g} s")
     return begin_s, end_s
 

@@ -24,10 +24,13 @@ BESIDE_S: Final = 0.5
 """The other sensors of a recording are read for this time beyond the seat: alignment needs their neighbours."""
 
 LATE_S: Final = 10.0
-"""A recorder logs a sample at most so long after its stamp, clocks that drift included."""
+"""A recorder logs a sample at most so long after its stamp, without the drift of clocks."""
 
 BEYOND_S: Final = 1.0
 """A part may end so long after its bag, whose length is known by log times only."""
+
+CLOCK_SHARE: Final = 3e-4
+"""The clock of the seat, by which parts are stated, differs by at most this share from that of the recorder."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,11 @@ def part_of(bag: Bag) -> BagPart:
     return BagPart(Path(found["path"]), begin_s, end_s)
 
 
+def latest_end_s(length_s: float) -> float:
+    """The latest end of a part of a bag of this length."""
+    return length_s + max(BEYOND_S, CLOCK_SHARE * length_s)
+
+
 @dataclass(frozen=True)
 class Extent:
     """The samples of a part: first and last stamp, ns, by topic; log times of chunks; length and share of the bag.
@@ -111,12 +119,13 @@ class Extent:
         begins_ns: the stamp at 0 s, by topic; beside_s: further time at both ends, by topic; log_ns: the log time at
         0 s.
         """
-        begin_s, end_s = part.begin_s, min(part.end_s, length_s + BEYOND_S)
+        begin_s, end_s = part.begin_s, min(part.end_s, latest_end_s(length_s))
+        late_s = LATE_S + CLOCK_SHARE * end_s
         stamps = {
             topic: (at + round(1e9 * (begin_s - beside_s[topic])), at + round(1e9 * (end_s + beside_s[topic])))
             for topic, at in begins_ns.items()
         }
-        within = log_ns + round(1e9 * (begin_s - LATE_S)), log_ns + round(1e9 * (end_s + LATE_S))
+        within = log_ns + round(1e9 * (begin_s - late_s)), log_ns + round(1e9 * (end_s + late_s))
         return cls(stamps, within, end_s - begin_s, min(1.0, (end_s - begin_s) / max(length_s, 1e-9)))
 
     def of(self, blocks: Iterable[tuple[str, LoggedImu]]) -> Iterator[tuple[str, LoggedImu]]:

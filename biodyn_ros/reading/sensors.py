@@ -18,7 +18,7 @@ from biodyn_ros.bag import BagReader, LoggedImu, imu_blocks, open_bag
 from biodyn_ros.base.progress import OnProgress
 from biodyn_ros.reading.mapping import sensors_of
 from biodyn_ros.reading.marks import Mark, marks_of
-from biodyn_ros.reading.parts import BEYOND_S, Bag, BagPart, Extent, part_of
+from biodyn_ros.reading.parts import CLOCK_SHARE, Bag, BagPart, Extent, latest_end_s, part_of
 from biodyn_ros.reading.provenance import is_made_by_model
 from biodyn_ros.reading.saturation import limits_of
 from biodyn_ros.reading.stamps import SensorClock, choose_times, clock_warnings
@@ -91,7 +91,8 @@ class SensorReading:
         stamp_ns, log_ns = self.first_of_seat()
         self._begin_ns = log_ns + round(1e9 * part.begin_s)
         length_s = 1e-9 * ((self._reader.end_ns or log_ns) - log_ns)
-        if part.begin_s >= length_s or (part.end_s < math.inf and part.end_s > length_s + BEYOND_S):
+        begins_after = part.begin_s >= (1.0 + CLOCK_SHARE) * length_s
+        if begins_after or latest_end_s(length_s) < part.end_s < math.inf:
             raise InputError(f"{part}: outside the bag, which has {length_s:.2f} s")
         header_ns = log_ns - stamp_ns if self.times[SEAT] == "header" else 0
         begins = {

@@ -6,7 +6,7 @@ The file is YAML; paths are relative to it, `name` and `cases` may be missing:
       - subject: anna.yaml                # or a bundled name
         name: anna                        # of the directory; the subject's own where it is not given
         sessions: [anna/monday.mcap, anna/tuesday]
-        cases: anna/conditions.csv        # as --cases
+        cases: marks                      # as --cases; a table for one session only
 """
 
 from __future__ import annotations
