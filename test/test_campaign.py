@@ -121,7 +121,7 @@ GOOD = {"subject": "anna.yaml", "bags": ["anna.mcap"]}
         ([GOOD | {"subject": 3}], r"subjects\[0\].subject is 3, expected a text"),
         (
             [GOOD | {"subject": "anna.mcap"}],
-            r"subjects\[0\].subject: /.*anna.mcap: larger than 1024 KiB, too large for a YAML file",
+            r"subjects\[0\].subject: /.*anna.mcap: larger than 1024 KiB, too large for such a file",
         ),
         ([GOOD | {"bags": []}], r"subjects\[0\].bags: anna has no bag, give at least one"),
         ([GOOD | {"bags": "anna.mcap"}], r"subjects\[0\].bags: expected a list of bags"),

@@ -173,7 +173,7 @@ def test_the_text_has_errors_intervals_and_unknowns(fitted: Report) -> None:
     assert all(len(line) < 200 for line in text.splitlines() if not line.startswith("warning"))
     alone = dataclasses.replace(fitted, events=tuple(fitted.fitted))
     assert "nothing was held out" in text_of(alone)
-    assert "no 95 % interval: 20 s or more of each segment" in text
+    assert "no 95 % interval: 20 s or more of a segment" in text
     laws, _ = usual_residuals(with_spread(SUBJECT).provenance)
     assert "95 % intervals; the usual residual is from pelvis 100 s" in text_of(
         dataclasses.replace(fitted, usual_residual=laws)

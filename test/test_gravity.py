@@ -259,9 +259,10 @@ def test_a_sensor_with_its_rest_elsewhere_is_compared_from_the_start(tmp_path: P
 
 def test_the_uncounted_time_is_that_of_the_seat(tmp_path: Path) -> None:
     """Here the other sensors are at rest at the beginning, which is not counted, and the seat is at rest later."""
-    streams = independent_streams(6.0)
-    shaken = np.random.default_rng(0).normal(0.0, 2.0, (round(1.1 * RATE_HZ), 3))
-    streams[0].accel_mps2[: len(shaken)] += shaken
+    seat, *others = independent_streams(6.0)
+    shaken = seat.accel_mps2.copy()
+    shaken[: round(1.1 * RATE_HZ)] += np.random.default_rng(0).normal(0.0, 2.0, (round(1.1 * RATE_HZ), 3))
+    streams = [dataclasses.replace(seat, accel_mps2=shaken), *others]
     found = replay(write_bag(tmp_path / "seat.mcap", streams), subject())
     assert streams[0].sensor == "seat" and found.pipeline.status("head").uncounted_s > 0.5
     assert found.document["uncounted_s"] == found.pipeline.status("seat").uncounted_s == 0.0

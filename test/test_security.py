@@ -69,9 +69,13 @@ def test_nothing_is_unpickled_evaluated_or_given_to_a_shell(path: Path) -> None:
 
 
 def issubclass_of_safe(name: str, tree: ast.Module) -> bool:
-    """Whether a loader is one of this module that inherits from yaml.SafeLoader."""
+    """Whether a loader is one of this module that inherits from PyYAML's SafeLoader, in Python or compiled."""
     found = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef) and node.name == name]
-    return bool(found) and [ast.unparse(base) for base in found[0].bases] == ["yaml.SafeLoader"]
+    imported = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module == "yaml"]
+    named = [(alias.asname or alias.name, alias.name) for node in imported for alias in node.names]
+    sources = {source for base, source in named if base == "SafeLoader"}
+    bases = [ast.unparse(base) for base in found[0].bases] if found else []
+    return bases == ["yaml.SafeLoader"] or (bases == ["SafeLoader"] and sources == {"SafeLoader", "CSafeLoader"})
 
 
 def test_the_page_of_security_names_every_open_interface() -> None:

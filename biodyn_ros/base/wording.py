@@ -6,7 +6,6 @@ import math
 from collections.abc import Collection, Container, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
-from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.base.wording import counted, decimal_places, number
 
 if TYPE_CHECKING:
@@ -173,6 +172,8 @@ def compared_without(effects: str) -> str:
 
 def partly_tested(segments: Collection[str]) -> str:
     """For which segments the fit was tested, " (tested: head, neck)"; empty if for all that have a sensor."""
+    from biodyn_core.base.segments import MEASURED_SEGMENTS  # needs numpy, which `biodyn -h` does without
+
     names = [words(name) for name in MEASURED_SEGMENTS if name in segments]
     return "" if len(names) == len(MEASURED_SEGMENTS) else f" (tested: {listed(names)})"
 
