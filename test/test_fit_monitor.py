@@ -17,7 +17,7 @@ from streams import in_bursts, in_turn, noisy_streams, quantised, run
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SENSORS
 from biodyn_core.body.usual_residual import LEAST_WINDOWS, PROVENANCE, UsualResidual, usual_residuals
 from biodyn_core.effects import CATALOGUE, AppliedEffect
-from biodyn_core.pipeline.fit_monitor import FitMonitor, squares_of
+from biodyn_core.pipeline.fit_monitor import FitMonitor, sensor_effects, squares_of
 from biodyn_core.pipeline.frames import MeasuredFrames
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.windows import SecondWindows
@@ -303,7 +303,7 @@ def test_a_segment_with_an_effect_of_its_sensor_is_not_tested() -> None:
     for sites, left in ((("head",), 4), (MEASURED_SEGMENTS, 0)):
         effects = tuple(AppliedEffect(CATALOGUE["gain"], site, {"gain": 0.3}) for site in sites)
         pipeline = Pipeline(dataclasses.replace(shipped("subject_1"), provenance=provenance, effects=effects))
-        assert pipeline.sensor_effects == dict.fromkeys(sites, "gain")
+        assert sensor_effects(pipeline.subject) == dict.fromkeys(sites, "gain")
         assert ("effects of its sensors" in pipeline.fit_unknown) == (left == 0)
         streams = noisy_streams(20.0, "road")
         run(streams, in_turn(streams), pipeline=pipeline)

@@ -30,7 +30,7 @@ from biodyn_core.exposure.losses import Losses
 from biodyn_core.pipeline.comparison import EarlyBlocks
 from biodyn_core.pipeline.exposure import Exposure, exposure_of
 from biodyn_core.pipeline.exposure_counter import ExposureCounter
-from biodyn_core.pipeline.fit_monitor import FitMonitor, monitored_laws, sensor_effects
+from biodyn_core.pipeline.fit_monitor import FitMonitor, monitored_laws
 from biodyn_core.pipeline.frames import (
     NO_FRAMES,
     NO_MEASURED,
@@ -58,7 +58,6 @@ class Pipeline:
     gravity: of sensors whose whole record was searched for rest, as is possible offline.
     conditioners, timelines, counter and predictor (None until the seat's rate is known) are the stages. fit_monitor
     tests the residual; not_monitored: why it does not, empty if it does. no_interval: why predictions have none.
-    sensor_effects: by segment, the effects of its sensor, which the comparison leaves out.
     """
 
     def __init__(
@@ -85,7 +84,6 @@ class Pipeline:
         self.timelines = Timelines(self.conditioners, self.settings.wait_s)
         self.counter = ExposureCounter(self.conditioners, self.timelines, self.settings)
         self.predictor: SeatPredictor | None = None
-        self.sensor_effects = sensor_effects(subject)
         laws, self.not_monitored = monitored_laws(subject)
         self.fit_monitor = FitMonitor(laws)
         self._spread, self.no_interval = prediction_spread(subject)

@@ -31,6 +31,7 @@ from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.exposure.limits import EU_LIMITS, load_limits
 from biodyn_core.pipeline.continued_exposure import ContinuedExposure
+from biodyn_core.pipeline.fit_monitor import sensor_effects
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros.base import topics
@@ -146,7 +147,7 @@ class BiodynNode(LifecycleNode):
         conditioning, settings = params.read(self, ConditioningSettings), params.read(self, PipelineSettings)
         self._warn_of_slow_kernels(warm_up(subject))
         pipeline = Pipeline(subject, conditioning, settings, limits)
-        for name, effects in pipeline.sensor_effects.items():
+        for name, effects in sensor_effects(subject).items():
             self.get_logger().warning(f"{name}: {compared_without(effects)}")
         self._exposure, self._store, self._waiting = ContinuedExposure(pipeline), self._new_store(subject), []
         self._snapshots = SnapshotBuilder(self.settings.shock_mps2)

@@ -19,6 +19,7 @@ from biodyn_core.exposure.limit_assessment import SeatExposure
 from biodyn_core.exposure.limits import Limits
 from biodyn_core.exposure.losses import Losses
 from biodyn_core.exposure.meters import Dose
+from biodyn_core.pipeline.fit_monitor import sensor_effects
 from biodyn_core.pipeline.intervals import NO_WINDOW, SegmentSpread
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.run_status import RunStatus
@@ -194,7 +195,7 @@ def exposure_report(pipeline: Pipeline, bag: str = "", project: bool = False) ->
 
 def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
     """Warnings about the conditioning of these sensors and about the model, one line each."""
-    lines = []
+    lines, left_out = [], sensor_effects(pipeline.subject)
     for name in sensors:
         status = pipeline.status(name)
         if status.fault:
@@ -202,8 +203,8 @@ def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
         elif status.rate_hz is None:
             lines.append(f"{name}: nothing counted, gravity was not found")
         lines += [f"{name}: {text}" for text in status.warnings]
-        if name in pipeline.sensor_effects:
-            lines.append(f"{name}: {compared_without(pipeline.sensor_effects[name])}")
+        if name in left_out:
+            lines.append(f"{name}: {compared_without(left_out[name])}")
         if status.set_back_s > 0.0:
             lines.append(f"{name}: its stamps jumped back by {status.set_back_s:.3f} s in total: was its clock set?")
         if status.rejected:
