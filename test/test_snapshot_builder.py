@@ -15,7 +15,8 @@ from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.exposure.figure_spread import interval
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
-from biodyn_ros.node.health import HealthMonitor, SensorHealth
+from biodyn_ros.base import topics
+from biodyn_ros.node.health import HealthMonitor, SensorHealth, seat_fault, silent_sensors
 from biodyn_ros.node.snapshot_builder import LEAST_SEAT_MPS2, ROWS, SnapshotBuilder
 from biodyn_ros.reports.exposure_json import exposure_document
 from biodyn_ros.reports.exposure_report import exposure_report
@@ -189,6 +190,26 @@ def test_a_silent_seat_is_not_green_when_all_sensors_are_silent():
     assert "silent for 0.8 s" in shown["verdict"]["reasons"][0]
     assert "left" in ride.snapshots[-2]["seat"]["left"]["action"]
     assert shown["seat"]["left"] == {"action": "withheld", "limit": "withheld"}, "no time left is shown"
+
+
+def test_when_all_sensors_are_silent_no_topic_gives_a_time_left_or_a_figure_of_the_window():
+    ride = Ride().drive(noisy_streams(**GENTLE))
+
+    def published():
+        statuses = {status.of: status for status in ride.monitor.check()}
+        silent = silent_sensors(statuses, ride.pipeline.settings.window_s)
+        return set(topics.scalar_values(ride.pipeline, silent, bool(seat_fault(statuses))))
+
+    sending = published()
+    times = {f"{topics.EXPOSURE}/seat/time_to_{kind}_value" for kind in ("action", "limit")}
+    rolling = {name for name in sending if name.startswith(topics.ROLLING)} | set(topics.RESIDUAL.values())
+    assert times < sending and f"{topics.ROLLING}/seat/aw" in rolling < sending
+    ride.clock_s += 0.8
+    assert published() == sending - times
+    ride.clock_s += 10.0
+    assert published() == sending - times - rolling
+    rows = ride.snapshot()["rows"]
+    assert {row[figure] for row in rows for figure in ("measured_mps2", "predicted_mps2", "residual_mps2")} == {None}
 
 
 def not_finite(stream):

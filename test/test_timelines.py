@@ -268,6 +268,13 @@ def test_a_sensor_that_is_silent_for_longer_than_the_window_has_no_rolling_figur
     assert sensor in shorter.exposure(rolling=True).sensors
 
 
+def test_a_lone_seat_that_sends_only_unusable_samples_has_no_rolling_figures() -> None:
+    streams = those(without(noisy_streams(16.0), [SEAT], 4.0, 99.0), SEAT)
+    rolling, since = (pushed(streams)[0].exposure(rolling) for rolling in (True, False))
+    assert SEAT in since.sensors
+    assert (rolling.sensors, rolling.dri, rolling.predicted) == ({}, None, {})
+
+
 @pytest.mark.parametrize("back_s", [0.1, 0.5, 0.9])
 def test_a_clock_set_back_by_less_than_a_second_loses_the_repeated_time(back_s: float) -> None:
     """Stamps have no gap there, but samples of that time are in no figure."""

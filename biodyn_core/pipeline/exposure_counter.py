@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Final, NamedTuple
 
 from biodyn_core.base.arrays import Floats
@@ -72,10 +72,17 @@ class ExposureCounter:
         """The meters by sensor, also of sensors with initial exposure alone."""
         return {name: one.meters for name, one in self.initial.sensors.items()} | self.meters
 
-    def rolling(self) -> dict[str, SensorMeters]:
-        """The meters of the sensors that sent samples within the window."""
+    def rolling(self, silent: Collection[str] = ()) -> dict[str, SensorMeters]:
+        """The meters of the sensors that sent usable samples within the window.
+
+        silent: sensors that did not by another clock; stamps alone do not show that all sensors are silent.
+        """
         window_s = self._settings.window_s
-        return {name: meters for name, meters in self.meters.items() if self._timelines.silent_s(name) <= window_s}
+        return {
+            name: meters
+            for name, meters in self.meters.items()
+            if name not in silent and self.absence_s(name) <= window_s
+        }
 
     def losses(self, sensor: str) -> Losses:
         """The losses of a sensor since reset, initial ones included.

@@ -25,7 +25,7 @@ from biodyn_core.pipeline.shocks import Shock, Shocks
 from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.base.wording import ORIGIN, partly_tested, words
-from biodyn_ros.node.health import ERROR, SILENT_AFTER_S, Mark, Status
+from biodyn_ros.node.health import SILENT_AFTER_S, Mark, Status, seat_fault, silent_sensors
 from biodyn_ros.reports.downsampling import Bins, MinMaxDownsampler
 from biodyn_ros.reports.exposure_json import dri_document
 from biodyn_ros.reports.exposure_report import ChannelExposure
@@ -68,11 +68,12 @@ class SnapshotBuilder:
 
     def snapshot(self, pipeline: Pipeline, statuses: list[Status], marks: Iterable[Mark]) -> dict[str, Any]:
         """The content of the page now, finite numbers and texts alone."""
-        run, seat, rolling = pipeline.run_status(), pipeline.seat(), pipeline.exposure(rolling=True)
+        by_name = {status.of: status for status in statuses}
+        silent = silent_sensors(by_name, pipeline.settings.window_s)
+        run, seat, rolling = pipeline.run_status(), pipeline.seat(), pipeline.exposure(True, silent)
         since, seat_losses = pipeline.exposure(), pipeline.losses(SEAT)
         channel = ChannelExposure(since.sensors[SEAT], seat_losses) if SEAT in since.sensors else None
-        by_name = {status.of: status for status in statuses}
-        fault, bounds = _seat_fault(by_name), {name for name in SENSORS if pipeline.losses(name).mean_lower_bound}
+        fault, bounds = seat_fault(by_name), {name for name in SENSORS if pipeline.losses(name).mean_lower_bound}
         extrapolated = run.is_extrapolating and seat is not None
         return {
             "version": __version__,
@@ -112,14 +113,6 @@ class SnapshotBuilder:
         self._last_spread = new[-1]
         half_mps2 = NORMAL_95 * np.array([one.accel_mps2 for one in new])
         return {"error": _strip(Bins(np.array([one.begin_ns for one in new]), -half_mps2, half_mps2))}
-
-
-def _seat_fault(statuses: dict[str, Status]) -> str:
-    """The seat's present fault, which the figures since reset may not show yet; empty without one."""
-    seat, prediction = statuses[SEAT], statuses["prediction"]
-    if seat.level == ERROR or int(seat.values["publishers"]) > 1:
-        return f"seat: {seat.message}"
-    return "" if seat.values["rate_hz"] else prediction.message
 
 
 def _status(status: Status) -> dict[str, Any]:
