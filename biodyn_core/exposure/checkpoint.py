@@ -104,7 +104,7 @@ def _lists(totals: Mapping[str, Floats]) -> dict[str, Any]:
 def _sensor(document: Mapping[str, Any]) -> SensorCheckpoint:
     losses = [_number(value) for value in document["lost"]]
     if len(losses) != len(NO_LOSSES) or min(losses) < 0.0:
-        raise ValueError("lost: expected four numbers, none below zero")
+        raise ValueError("lost: expected five numbers, none below zero")
     newest_ns, covered_ns = document["newest_ns"], document["told_ns"]
     if not (isinstance(newest_ns, int) and isinstance(covered_ns, int) and 0 <= newest_ns <= covered_ns < 2**63):
         raise ValueError("newest_ns or told_ns is not a stamp")

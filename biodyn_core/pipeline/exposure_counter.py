@@ -101,7 +101,7 @@ class ExposureCounter:
         gap_s = max(0.0, status.gap_s + timelines.gap_s(sensor))
         late_s = self._late_s(sensor)
         absent_s = status.unrested_s + status.set_back_s + gap_s + late_s + self.absence_s(sensor)
-        return Losses(status.clipped, absent_s, status.filled_s, status.flat_s)
+        return Losses(status.clipped, absent_s, status.filled_s, status.flat_s, status.dead_s)
 
     def absence_s(self, sensor: str) -> float:
         """Time since a sensor's last accepted sample: the others went on, or its own samples were rejected."""

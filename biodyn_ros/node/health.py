@@ -62,6 +62,7 @@ OK, WARN, ERROR = range(3)
 CAUSES: Final = {
     **REJECTED,
     "flat": ("sample of a reading that never changes", "samples of a reading that never changes"),
+    "dead": ("sample with one axis that never changes", "samples with one axis that never changes"),
     "clipped": ("sample clipped", "samples clipped"),
     "filled": ("sample lost and interpolated", "samples lost and interpolated"),
     "lost": ("message lost in transport", "messages lost in transport"),
@@ -70,8 +71,8 @@ CAUSES: Final = {
 """Text for one and for several faulty samples or messages, by the name of their count."""
 
 COUNTS: Final = (
-    "accepted", "unset", "non_finite", "duplicate", "late", "stray", "filled", "flat", "clipped", "runs", "gap_s",
-    "set_back_s", "uncounted_s",
+    "accepted", "unset", "non_finite", "duplicate", "late", "stray", "filled", "flat", "dead", "clipped", "runs",
+    "gap_s", "set_back_s", "uncounted_s",
 )  # fmt: skip
 """Fields of `SensorStatus` in the diagnostics, in addition to rate and gravity."""
 
