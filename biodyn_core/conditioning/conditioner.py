@@ -392,7 +392,7 @@ class Conditioner:
         self._state[kernel.LOW_PASS_STATE : kernel.MAX_GAP] = 0.0
         # Seconds since each run's first stamp: since an earlier epoch they would be too coarse for a rate.
         self._run_epoch_ns = next_ns
-        self.runs.end(next_ns, 1.0 / self.rate_hz)
+        self.runs.end(next_ns, 1.0 / self.rate_hz, self._rejected_in_a_row / self.rate_hz)
         return blocks
 
     def _emitted(self, block: Block) -> list[Block]:
