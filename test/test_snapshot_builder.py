@@ -313,6 +313,23 @@ def test_a_clipped_sensor_is_a_lower_bound_in_rows_and_shocks():
     )
 
 
+def test_after_a_reset_earlier_shocks_and_the_window_stay_lower_bounds():
+    """Both show samples from before the reset, and a new shock has the losses since then alone."""
+    ride = Ride().drive(changed(noisy_streams(), "head", clipped))
+    ride.pipeline.reset()
+    shown = ride.snapshot()
+    assert shown["rows"][0]["measured_lower_bound"] and not shown["rows"][-1]["measured_lower_bound"]
+    assert shown["shocks"] and all(shock["head_lower_bound"] for shock in shown["shocks"])
+    later = [replace(one, stamps_ns=one.stamps_ns + 6 * 10**9) for one in noisy_streams()]
+    for _ in range(2):
+        ride.drive(later, block=560)
+        later = [replace(one, stamps_ns=one.stamps_ns + 6 * 10**9) for one in later]
+    shown = ride.snapshots[-1]
+    assert not shown["rows"][0]["measured_lower_bound"], "the window lies after the reset"
+    bounds = [shock["head_lower_bound"] for shock in shown["shocks"]]
+    assert bounds == [shock["at_s"] < 1e-9 * START_NS + 5.5 for shock in shown["shocks"]] and len(set(bounds)) == 2
+
+
 def test_another_publisher_s_type_stops_no_prediction_and_a_silent_sensor_has_no_rate():
     ride = Ride().drive(noisy_streams(**GENTLE), without=("head",))
     ride.health[SEAT].wrong_type = "a publisher sends std_msgs/msg/String"

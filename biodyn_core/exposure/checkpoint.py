@@ -1,7 +1,7 @@
 """Checkpoint: exposure since reset as plain data that outlives a process, and its identity.
 
-Another subject, other sensor topics or other settings are another exposure. The time between two runs is missing, so
-the figures of a continued exposure are lower bounds.
+Another subject or other sensor topics are another exposure; other settings are not. The time between two runs is
+missing, so the figures of a continued exposure are lower bounds.
 """
 
 from __future__ import annotations

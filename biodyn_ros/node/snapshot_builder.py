@@ -73,7 +73,9 @@ class SnapshotBuilder:
         run, seat, rolling = pipeline.run_status(), pipeline.seat(), pipeline.exposure(True, silent)
         since, seat_losses = pipeline.exposure(), pipeline.losses(SEAT)
         channel = ChannelExposure(since.sensors[SEAT], seat_losses) if SEAT in since.sensors else None
-        fault, bounds = seat_fault(by_name), {name for name in SENSORS if pipeline.losses(name).mean_lower_bound}
+        fault, rolling_losses = seat_fault(by_name), {name: pipeline.counter.rolling_losses(name) for name in SENSORS}
+        bounds = {name for name, losses in rolling_losses.items() if losses.mean_lower_bound}
+        force_bound = rolling_losses[SEAT].lower_bound or run.unpredicted_s > 0.0
         extrapolated = run.is_extrapolating and seat is not None
         return {
             "version": __version__,
@@ -89,13 +91,13 @@ class SnapshotBuilder:
             "verdict": vars(seat_verdict(seat, channel and seat_losses, fault)),
             "seat": _seat(seat, pipeline.limits.deciding, seat_losses, fault) if seat else None,
             "meter": asdict(readings) if (readings := meter_readings(seat, channel)) else None,
-            "rows": _rows(rolling, by_name, bounds, seat_losses.lower_bound or run.unpredicted_s > 0.0),
+            "rows": _rows(rolling, by_name, bounds, force_bound),
             "prediction": _status(by_name["prediction"]) | {"extrapolated": extrapolated},
             "no_interval": pipeline.no_interval or None,
             "fit": _fit(pipeline),
             "exposure": _status(by_name["exposure"]) if "exposure" in by_name else None,
             "dri": dri_document(since.dri, seat_losses.lower_bound),
-            "shocks": [_shock(shock, bounds) for shock in self._shocks.latest()],
+            "shocks": [_shock(shock, _lowered(shock, pipeline)) for shock in self._shocks.latest()],
             "strip": {name: _strip(bins) for name, bins in self._bins.items()} | self._errors(pipeline),
             "marks": [asdict(mark) for mark in marks],
         }
@@ -217,6 +219,14 @@ def _sensor(status: Status) -> dict[str, Any]:
 
 def _ratio(figure: float | None, seat_mps2: float) -> float | None:
     return None if figure is None or seat_mps2 < LEAST_SEAT_MPS2 else figure / seat_mps2
+
+
+def _lowered(shock: Shock, pipeline: Pipeline) -> set[str]:
+    """The sensors whose peaks of a shock are lower bounds; one before the last reset has the losses before it."""
+    counter = pipeline.counter
+    is_before = counter.reset_ns is not None and shock.begin_ns < counter.reset_ns
+    found = {name: counter.lost_before_reset[name] if is_before else pipeline.losses(name) for name in SENSORS}
+    return {name for name, losses in found.items() if losses.mean_lower_bound}
 
 
 def _shock(shock: Shock, lower_bounds: Container[str]) -> dict[str, Any]:
