@@ -55,8 +55,11 @@ MARKED_FROM = 1200
 
 
 def marked(count: int = COUNT) -> np.ndarray:
-    """Readings (n, 3) at rest whose first axis counts samples once rest is over, so that each identifies itself."""
-    samples = np.tile(STILL[0], (count, 1))
+    """Readings (n, 3) at rest whose first axis counts samples once rest is over, so that each identifies itself.
+
+    The other axes flicker a little, because axes that never change beside one that moves are dead.
+    """
+    samples = STILL[0] + 1e-10 * (np.arange(count) % 2)[:, None]
     samples[:, 0] = 1e-3 * np.maximum(np.arange(count) - MARKED_FROM, 0)
     return samples
 
@@ -506,3 +509,30 @@ def test_a_flat_line_under_coarse_stamps_is_not_taken_for_duplicates():
     found = Conditioned(stamps_ns, stuck(5000, 15_000))
     assert found.status.flat == 9999 and found.status.duplicate == 0 and found.status.filled == 0
     assert np.abs(found.time_s[-1] - Conditioned(stamps_ns, MARKED).time_s[-1]) < 1e-9
+
+
+def one_axis_dead(axis: int, begin: int, end: int, others: float = 1.0) -> np.ndarray:
+    """Readings of a sensor with 3 % of tilt, of which one axis does not change; others: amplitude of the other ones."""
+    phase = 0.05 * np.arange(COUNT)[:, None] + [0.0, 1.0, 2.0]
+    samples = [0.2, 0.2, 9.8] + others * np.sin(phase) * (np.arange(COUNT) > 2000)[:, None]
+    samples[begin:end, axis] = samples[begin, axis]
+    return samples
+
+
+@pytest.mark.parametrize(
+    ("sensor", "axis", "flat", "dead"),
+    [("seat", 0, 0, 4999), ("seat", 2, 4999, 4999), ("head", 0, 0, 0), ("head", 2, 4999, 4999)],
+)
+def test_an_axis_that_does_not_change_while_another_one_moves_is_dead(sensor, axis, flat, dead):
+    """A dead axis of the vertical makes a flat line; horizontal exposure is that of the seat alone."""
+    conditioner = Conditioner(sensor)
+    conditioner.push(stamps(COUNT), one_axis_dead(axis, 5000, 10_000))
+    found = conditioner.status()
+    assert (found.flat, found.dead) == (pytest.approx(flat, abs=60), pytest.approx(dead, abs=60))
+
+
+def test_an_axis_that_does_not_change_at_rest_is_not_dead():
+    """A coarse sensor stays on one step, while the others move by a few."""
+    conditioner = Conditioner("seat")
+    conditioner.push(stamps(COUNT), one_axis_dead(2, 5000, 15_000, others=0.2))
+    assert (conditioner.status().flat, conditioner.status().dead) == (0, 0)

@@ -205,18 +205,19 @@ def signed(text: str) -> str:
 
 
 def earlier(text: str) -> str:
-    """The file as the version before wrote it: without the time since exposure began."""
+    """The file as the version before wrote it: without the time of dead axes."""
     document = json.loads(text)
-    del document["kept"]["elapsed_s"]
-    return json.dumps(document | {"schema": 4})
+    for one in document["kept"]["sensors"].values():
+        del one["lost"][-1]
+    return json.dumps(document | {"schema": 5})
 
 
 @pytest.mark.parametrize(
     ("spoil", "why"),
     [
         (lambda text: text[:100], "is damaged: not valid JSON"),
-        (lambda text: text.replace('"schema": 5', '"schema": 7'), "schema is 7, this version reads 5"),
-        (lambda text: signed(earlier(text)), "schema is 4, this version reads 5"),
+        (lambda text: text.replace('"schema": 6', '"schema": 7'), "schema is 7, this version reads 6"),
+        (lambda text: signed(earlier(text)), "schema is 5, this version reads 6"),
         (lambda text: "{}", "has the keys "),
         (lambda text: signed(text.replace(IDENTITY["subject"], "somebody")), "the stored exposure has other subject"),
         (lambda text: signed(text.replace(IDENTITY["sensors"], "others")), "the stored exposure has other sensors"),

@@ -219,6 +219,7 @@ def test_below_the_action_values_needs_a_complete_record():
         ({"clipped": 1}, "1 sample is clipped"),
         ({"absent_s": 40.0}, "40 s are missing at the seat, more than 1 %"),
         ({"flat_s": 2.0}, "2 s of the seat's readings do not change"),
+        ({"dead_s": 2.0}, "one axis of the seat does not change for 2 s while another one moves"),
         ({"silent": True}, "fallen silent"),
         ({"unusable_s": 0.6}, "the last 0.6 s of the seat's samples are unusable"),
         ({"fault": "no power"}, "no power"),

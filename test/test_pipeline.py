@@ -506,6 +506,25 @@ def test_a_yaw_is_of_the_sensor_s_first_axis_for_any_tilt(up, turned_deg) -> Non
     assert found.aw_weighted_mps2["x"] > 2.0 * found.aw_weighted_mps2["y"]
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_a_tilted_seat_with_one_dead_axis_is_never_below_a_value(axis: int) -> None:
+    """Levelling mixes the axes, so that no figure is zero; they are only too low."""
+    time = np.arange(round(8.0 * RATE_HZ)) / RATE_HZ
+    shake = np.clip(time - 2.0, 0.0, 1.0)[:, None]
+    vehicle = [0.0, 0.0, STANDARD_GRAVITY_MPS2] + shake * np.sin(2.0 * np.pi * time[:, None] * [4.0, 5.0, 6.0])
+    lean = np.radians(4.0)
+    mount = np.array([[np.cos(lean), 0.0, -np.sin(lean)], [0.0, 1.0, 0.0], [np.sin(lean), 0.0, np.cos(lean)]])
+    samples = vehicle @ mount.T
+    whole, spoilt = Pipeline(subject()), Pipeline(subject())
+    stamps = START_NS + np.rint(1e9 * time).astype(np.int64)
+    whole.push(SEAT, stamps, samples)
+    samples[:, axis] = samples[0, axis] + 0.02
+    spoilt.push(SEAT, stamps, samples)
+    right, seat = whole.seat(), spoilt.seat()
+    assert right is not None and right.zone == "below_action_value" and not right.lower_bound
+    assert seat is not None and seat.zone == "undecided" and seat.lower_bound
+
+
 def test_without_a_seat_memory_is_bounded() -> None:
     stamps = START_NS + np.rint(np.arange(60_000) * (1e9 / 1129.3)).astype(np.int64)
     samples = np.random.default_rng(1).normal((0.0, 0.0, 9.81), 0.01, (60_000, 3))

@@ -15,7 +15,8 @@ from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.exposure.figure_spread import interval
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
-from biodyn_ros.node.health import HealthMonitor, SensorHealth
+from biodyn_ros.base import topics
+from biodyn_ros.node.health import HealthMonitor, SensorHealth, seat_fault, silent_sensors
 from biodyn_ros.node.snapshot_builder import LEAST_SEAT_MPS2, ROWS, SnapshotBuilder
 from biodyn_ros.reports.exposure_json import exposure_document
 from biodyn_ros.reports.exposure_report import exposure_report
@@ -191,6 +192,26 @@ def test_a_silent_seat_is_not_green_when_all_sensors_are_silent():
     assert shown["seat"]["left"] == {"action": "withheld", "limit": "withheld"}, "no time left is shown"
 
 
+def test_when_all_sensors_are_silent_no_topic_gives_a_time_left_or_a_figure_of_the_window():
+    ride = Ride().drive(noisy_streams(**GENTLE))
+
+    def published():
+        statuses = {status.of: status for status in ride.monitor.check()}
+        silent = silent_sensors(statuses, ride.pipeline.settings.window_s)
+        return set(topics.scalar_values(ride.pipeline, silent, bool(seat_fault(statuses))))
+
+    sending = published()
+    times = {f"{topics.EXPOSURE}/seat/time_to_{kind}_value" for kind in ("action", "limit")}
+    rolling = {name for name in sending if name.startswith(topics.ROLLING)} | set(topics.RESIDUAL.values())
+    assert times < sending and f"{topics.ROLLING}/seat/aw" in rolling < sending
+    ride.clock_s += 0.8
+    assert published() == sending - times
+    ride.clock_s += 10.0
+    assert published() == sending - times - rolling
+    rows = ride.snapshot()["rows"]
+    assert {row[figure] for row in rows for figure in ("measured_mps2", "predicted_mps2", "residual_mps2")} == {None}
+
+
 def not_finite(stream):
     accel = stream.accel_mps2.copy()
     accel[4000:] = np.nan
@@ -290,6 +311,23 @@ def test_a_clipped_sensor_is_a_lower_bound_in_rows_and_shocks():
     assert shown["shocks"] and all(
         shock["head_lower_bound"] and not shock["seat_lower_bound"] for shock in shown["shocks"]
     )
+
+
+def test_after_a_reset_earlier_shocks_and_the_window_stay_lower_bounds():
+    """Both show samples from before the reset, and a new shock has the losses since then alone."""
+    ride = Ride().drive(changed(noisy_streams(), "head", clipped))
+    ride.pipeline.reset()
+    shown = ride.snapshot()
+    assert shown["rows"][0]["measured_lower_bound"] and not shown["rows"][-1]["measured_lower_bound"]
+    assert shown["shocks"] and all(shock["head_lower_bound"] for shock in shown["shocks"])
+    later = [replace(one, stamps_ns=one.stamps_ns + 6 * 10**9) for one in noisy_streams()]
+    for _ in range(2):
+        ride.drive(later, block=560)
+        later = [replace(one, stamps_ns=one.stamps_ns + 6 * 10**9) for one in later]
+    shown = ride.snapshots[-1]
+    assert not shown["rows"][0]["measured_lower_bound"], "the window lies after the reset"
+    bounds = [shock["head_lower_bound"] for shock in shown["shocks"]]
+    assert bounds == [shock["at_s"] < 1e-9 * START_NS + 5.5 for shock in shown["shocks"]] and len(set(bounds)) == 2
 
 
 def test_another_publisher_s_type_stops_no_prediction_and_a_silent_sensor_has_no_rate():

@@ -268,6 +268,13 @@ def test_a_sensor_that_is_silent_for_longer_than_the_window_has_no_rolling_figur
     assert sensor in shorter.exposure(rolling=True).sensors
 
 
+def test_a_lone_seat_that_sends_only_unusable_samples_has_no_rolling_figures() -> None:
+    streams = those(without(noisy_streams(16.0), [SEAT], 4.0, 99.0), SEAT)
+    rolling, since = (pushed(streams)[0].exposure(rolling) for rolling in (True, False))
+    assert SEAT in since.sensors
+    assert (rolling.sensors, rolling.dri, rolling.predicted) == ({}, None, {})
+
+
 @pytest.mark.parametrize("back_s", [0.1, 0.5, 0.9])
 def test_a_clock_set_back_by_less_than_a_second_loses_the_repeated_time(back_s: float) -> None:
     """Stamps have no gap there, but samples of that time are in no figure."""
@@ -279,6 +286,26 @@ def test_a_clock_set_back_by_less_than_a_second_loses_the_repeated_time(back_s: 
     for name in SENSORS:
         if name != SEAT:
             assert pipeline.losses(name).missing_s == 0.0, name
+
+
+@pytest.mark.parametrize("unusable", [True, False])
+@pytest.mark.parametrize("dropout_first", [True, False])
+def test_a_dropout_near_a_clock_set_back_by_the_same_time_is_missing(dropout_first: bool, unusable: bool) -> None:
+    """Stamps alone look like a clock that is set and returns; the others, and samples that came, show the time."""
+    back_at_s, lost_s = (5.5, (3.0, 4.5)) if dropout_first else (3.0, (4.5, 6.0))
+    streams = leapt(noisy_streams(SECONDS), [SEAT], -1_500_000_000, back_at_s, 99.0)
+    if unusable:
+        streams = those(without(streams, [SEAT], *lost_s), SEAT)
+    else:
+        kept = np.ones(len(streams[0].stamps_ns), dtype=bool)
+        kept[int(lost_s[0] * RATE_HZ) : int(lost_s[1] * RATE_HZ)] = False
+    pipeline = Pipeline(subject())
+    for at in range(0, len(streams[0].stamps_ns), BLOCK):
+        for one in streams:
+            sent = np.arange(len(one.stamps_ns))[at : at + BLOCK]
+            sent = sent[kept[sent]] if one.sensor == SEAT and not unusable else sent
+            pipeline.push(one.sensor, one.stamps_ns[sent], one.accel_mps2[sent])
+    assert pipeline.losses(SEAT).absent_s == pytest.approx(1.5, abs=0.15)
 
 
 def test_delayed_samples_are_no_clock_set_back() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from biodyn_core.base.wording import counted, number, number_below
-from biodyn_ros.base.wording import left_range, span, stuck, typeset
+from biodyn_ros.base.wording import left_range, span, typeset, unchanging
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -21,7 +21,8 @@ ROOT = Path(__file__).resolve().parents[1]
         (counted(2, "shock"), "2 shocks"),
         (counted(1, "sample is", "samples are"), "1 sample is"),
         (counted(3, "sample is", "samples are"), "3 samples are"),
-        (stuck(1), "1 sample with an unchanging value counted as missing: stuck sensor?"),
+        (unchanging(1, 0)[0], "1 sample with an unchanging value counted as missing: stuck sensor?"),
+        (unchanging(0, 2)[0], "2 samples with an axis that does not change while another one moves: dead axis?"),
         (left_range(1), "left its range at 1 sample: no prediction there, restarted at rest"),
     ],
 )

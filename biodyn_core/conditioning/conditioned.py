@@ -44,10 +44,11 @@ class SensorStatus:
 
     waiting: why gravity is still unknown, and the remedy, in one line. rate_hz: tracked by the sensor's clock;
     period_s: at rest, the length of a lost sample, 0 before rest. Rejected samples by cause: unset stamp, reading not
-    finite, duplicate, late, stray stamp. filled: interpolated; flat: of a long constant reading. run_s: length of the
-    present run, with the rest before the first one, None before it. uncounted_s: time before gravity was known;
-    unrested_s: its part in motion; set_back_s: time with late stamps in a row, as of a clock that was set back;
-    gap_s: between runs; unusable_s: time of the rejected samples since the last accepted one, 0 while it is no gap.
+    finite, duplicate, late, stray stamp. filled: interpolated; flat: of a long constant reading; dead: with an axis
+    that has a part in the figures and is constant while another one moves. run_s: length of the present run, with the
+    rest before the first one, None before it. uncounted_s: time before gravity was known; unrested_s: its part in
+    motion; set_back_s: time with late stamps in a row, as of a clock that was set back; gap_s: between runs;
+    unusable_s: time of the rejected samples since the last accepted one, 0 while it is no gap.
     """
 
     rate_hz: float | None
@@ -64,6 +65,7 @@ class SensorStatus:
     stray: int
     filled: int
     flat: int
+    dead: int
     clipped: int
     runs: int
     run_s: float | None
@@ -90,6 +92,11 @@ class SensorStatus:
     def flat_s(self) -> float:
         """Seconds of long constant readings."""
         return self.flat * self.period_s
+
+    @property
+    def dead_s(self) -> float:
+        """Seconds with a dead axis."""
+        return self.dead * self.period_s
 
     @property
     def recorded_s(self) -> float:

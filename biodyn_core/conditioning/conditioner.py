@@ -16,7 +16,7 @@ import numpy as np
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.sampling_rate import MAX_RATE_HZ, MIN_RATE_HZ, RATE_TOLERANCE
-from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
+from biodyn_core.base.segments import SEAT, STANDARD_GRAVITY_MPS2
 from biodyn_core.conditioning.conditioned import Block, SensorStatus
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.conditioning.gravity import Gravity, GravitySearch
@@ -46,6 +46,9 @@ MAX_JITTER: Final = 0.35
 GRAVITY_TOLERANCE: Final = 0.05
 MAX_RATE_CHANGE: Final = 0.0199
 """The tracked rate stays within 2 % of that at rest; so close to this bound it is no longer tracked."""
+
+LEAST_SHARE: Final = 0.1
+"""An axis within 6 degrees of the horizontal has less than this share in the vertical, and no part in its figures."""
 
 SettingsOf = ConditioningSettings | Mapping[str, ConditioningSettings] | None
 """Settings of all sensors, or by the name of each; a sensor without an entry has the defaults."""
@@ -229,6 +232,7 @@ class Conditioner:
             stray=counts[kernel.STRAY],
             filled=counts[kernel.FILLED],
             flat=counts[kernel.FLAT],
+            dead=counts[kernel.DEAD],
             clipped=clipping.total,
             runs=self.runs.count,
             run_s=counts[kernel.IN_RUN] * period_s if self.runs.count else None,
@@ -267,6 +271,8 @@ class Conditioner:
         s[kernel.PERIOD] = s[kernel.NOMINAL] = rest.period_s
         s[kernel.JITTER] = rest.jitter_s
         s[kernel.LAST : kernel.LAST + 3] = rest.last_mps2
+        s[kernel.AT_CHANGE : kernel.STATE_SIZE] = np.tile(rest.last_mps2, 3)
+        s[kernel.AXIS_PART : kernel.AT_CHANGE] = self._parts_of_axes()
         s[kernel.ROTATION : kernel.LOW_PASS] = rotation_to_vertical(np.array(self._vertical or UP)).ravel()
         turns = CLOCK_TIME_CONSTANT_S * rate_hz
         tracker_s = settings.gravity_tracker_s
@@ -285,6 +291,11 @@ class Conditioner:
         if self.mode == "causal":
             s[kernel.LOW_PASS : kernel.LOW_PASS_STATE] = self._sos.ravel()
             self.delay_s = group_delay_s(self._sos, rate_hz)
+
+    def _parts_of_axes(self) -> list[float]:
+        """The part of each axis in the figures: horizontal exposure is that of the seat alone."""
+        across = kernel.IN_HORIZONTAL if self.sensor == SEAT else kernel.NO_PART
+        return [kernel.IN_VERTICAL if abs(share) >= LEAST_SHARE else across for share in self._vertical or UP]
 
     def _check_rate(self, rate_hz: float) -> None:
         least = max(MIN_RATE_HZ, RATE_PER_CUTOFF * self.settings.cutoff_hz)
@@ -381,7 +392,7 @@ class Conditioner:
         self._state[kernel.LOW_PASS_STATE : kernel.MAX_GAP] = 0.0
         # Seconds since each run's first stamp: since an earlier epoch they would be too coarse for a rate.
         self._run_epoch_ns = next_ns
-        self.runs.end(next_ns, 1.0 / self.rate_hz)
+        self.runs.end(next_ns, 1.0 / self.rate_hz, self._rejected_in_a_row / self.rate_hz)
         return blocks
 
     def _emitted(self, block: Block) -> list[Block]:

@@ -54,7 +54,8 @@ class Runs:
     returns beyond its last stamp, stays in its lap: the others are no longer compared with it. The same holds for one
     clock that is set ahead by less than `RETURN_S`, and returns later than that. A dropout within
     `RETURN_S` of a clock set back by the same seconds, within `LEAP_S`, counts only by their difference, and a clock
-    set back so soon after such a dropout withdraws it.
+    set back so soon after such a dropout withdraws it; unless samples arrived in it that could not be used, or other
+    sensors show its time (`Timelines`).
     """
 
     def __init__(self) -> None:
@@ -63,6 +64,7 @@ class Runs:
         self.leapt_s = 0.0
         self.leap_gap_s = 0.0
         self._in_run = False
+        self._rejected_s = 0.0
         self._ended_ns: int | None = None
         self._lap = 0
         self._leap = _NO_LEAP
@@ -79,9 +81,12 @@ class Runs:
         self._ended_ns = ends_ns
         return begins_run, gap_s
 
-    def end(self, next_ns: int, period_s: float) -> None:
-        """End the run; the next one begins at a stamp, which may lie before the end of this one."""
-        self._in_run = False
+    def end(self, next_ns: int, period_s: float, rejected_s: float = 0.0) -> None:
+        """End the run; the next one begins at a stamp, which may lie before the end of this one.
+
+        rejected_s: time of the samples in between that could not be used.
+        """
+        self._in_run, self._rejected_s = False, rejected_s
         if self._ended_ns is not None and next_ns < self._ended_ns:
             self._leap_back((self._ended_ns - next_ns) * 1e-9 + period_s, self._ended_ns, next_ns)
             self._ended_ns = None
@@ -93,7 +98,7 @@ class Runs:
         if self._ended_ns is None:
             return 0.0
         gap_s = (begins_ns - self._ended_ns) * 1e-9 - period_s
-        if gap_s > LEAP_S:
+        if gap_s - self._rejected_s > LEAP_S:  # otherwise rejected samples fill the gap, and no stamp has leapt
             self.leapt_s += gap_s
             if self._leap.is_undone(gap_s, self._ended_ns):  # stamps had leapt back and return
                 gap_s += self._leap.by_s

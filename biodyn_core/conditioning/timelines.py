@@ -73,6 +73,7 @@ class Timelines:
         self._counted_s = dict.fromkeys(conditioners, 0.0)
         self._gap_s = dict.fromkeys(conditioners, 0.0)
         self._behind_s = dict.fromkeys(conditioners, 0.0)
+        self._silence_s = dict.fromkeys(conditioners, 0.0)
         self._sent_ns: dict[str, int] = {}
         # Of sensors that have joined: the first and the newest instant in the shared time, and the lead over it.
         self._began_s: dict[str, float] = {}
@@ -190,6 +191,7 @@ class Timelines:
     def _leap(self, sensor: str) -> None:
         """Classify a leap of a sensor's stamps by the place of the others."""
         leap = self._new_leap(sensor)
+        self._keep_silence(sensor, leap)
         before = self._undecided.pop(sensor, None)
         if before is not None:
             leap = leap._replace(
@@ -202,6 +204,17 @@ class Timelines:
             self._undecided[sensor] = leap
         elif leap.set_s < -self._near_s:
             self._set(sensor, leap)
+        elif leap.leapt_s > 0.0 and leap.silent_s - leap.counted_s > LEAP_S:
+            # The conditioning took it for the return of a clock that was set back, but the others went on meanwhile.
+            self._gap_s[sensor] += leap.silent_s - leap.counted_s
+
+    def _keep_silence(self, sensor: str, leap: _Leap) -> None:
+        """Keep the gap of a leap in which the others went on: a clock set back by as much withdraws it in `Runs`."""
+        if leap.leapt_s > 0.0:
+            self._silence_s[sensor] = min(leap.silent_s, leap.counted_s) if leap.silent_s > LEAP_S else 0.0
+        elif leap.counted_s < 0.0:
+            self._gap_s[sensor] += min(self._silence_s[sensor], -leap.counted_s)
+            self._silence_s[sensor] = 0.0
 
     def _new_leap(self, sensor: str) -> _Leap:
         """The leap since the sensor's last update."""

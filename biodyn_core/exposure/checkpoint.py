@@ -1,7 +1,7 @@
 """Checkpoint: exposure since reset as plain data that outlives a process, and its identity.
 
-Another subject, other sensor topics or other settings are another exposure. The time between two runs is missing, so
-the figures of a continued exposure are lower bounds.
+Another subject or other sensor topics are another exposure; other settings are not. The time between two runs is
+missing, so the figures of a continued exposure are lower bounds.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def _lists(totals: Mapping[str, Floats]) -> dict[str, Any]:
 def _sensor(document: Mapping[str, Any]) -> SensorCheckpoint:
     losses = [_number(value) for value in document["lost"]]
     if len(losses) != len(NO_LOSSES) or min(losses) < 0.0:
-        raise ValueError("lost: expected four numbers, none below zero")
+        raise ValueError("lost: expected five numbers, none below zero")
     newest_ns, covered_ns = document["newest_ns"], document["told_ns"]
     if not (isinstance(newest_ns, int) and isinstance(covered_ns, int) and 0 <= newest_ns <= covered_ns < 2**63):
         raise ValueError("newest_ns or told_ns is not a stamp")

@@ -89,8 +89,8 @@ class SeatExposure(LimitAssessment):
     """The seat's figures and their assessment by the deciding set; `additional`: by the other sets.
 
     aw and VDV by axis are without k; A(8) and VDV so far are the largest over the axes with k = 1.4, 1.4, 1.0.
-    lower_bound: samples are missing or clipped, or a horizontal axis is missing. withheld: why there are no times and
-    no projections. projected_from_s: the counted seconds; projected_lower_bound: a horizontal axis is missing.
+    lower_bound: samples are missing or clipped, or an axis is missing or dead. withheld: why there are no times and no
+    projections. projected_from_s: the counted seconds; projected_lower_bound: an axis is missing or dead.
     shock_ratios: of the governing axis.
     """
 
@@ -128,6 +128,7 @@ def seat_exposure(
     axes = _Axes.of(vertical, horizontal, yaw_rad)
     a8_axis, vdv_axis = axes.largest(axes.aw_mps2), axes.largest(axes.vdv_mps175)
     seconds = vertical.seconds
+    lacks_axis = axes.missing_axes > 0 or quality.losses.dead_s > 0.0
     exposure = _Counted(
         {
             "a8": axes.factor(a8_axis) * axes.aw_mps2[a8_axis] * math.sqrt(seconds / EIGHT_HOURS_S),
@@ -136,7 +137,7 @@ def seat_exposure(
         {"a8": a8_axis, "vdv": vdv_axis},
         seconds,
         quality.losses,
-        lower_bound=quality.losses.lower_bound or axes.missing_axes > 0,
+        lower_bound=quality.losses.lower_bound or lacks_axis,
         withheld=_unusable(quality) or _incomplete(quality, seconds) or _gravity_error(quality),
         uncertainty=_uncertainty(quality, seconds, axes),
     )
@@ -158,7 +159,7 @@ def seat_exposure(
         a8_projected_8h_mps2=exposure.so_far["a8"] * math.sqrt(scale) if projects else None,
         vdv_projected_8h_mps175=exposure.so_far["vdv"] * scale**0.25 if projects else None,
         projected_from_s=seconds if projects else None,
-        projected_lower_bound=axes.missing_axes > 0,
+        projected_lower_bound=lacks_axis,
         shock_ratios=_shock_ratios(vertical, axes, deciding.axis),
         additional=tuple(_assess(each, exposure) for each in limits.additional),
     )
@@ -329,13 +330,16 @@ def _uncertainty(quality: DataQuality, seconds: float, axes: _Axes) -> str | Non
     if incomplete := _incomplete(quality, seconds):
         return incomplete
     if quality.losses.flat_s > 0.0:
-        return f"{quality.losses.flat_s:.3g} s of the seat's readings do not change at all: is it stuck?"
+        flat_s = f"{quality.losses.flat_s:.3g} s"
+        return f"{flat_s} of the seat's readings do not change at all, or not vertically: is it stuck?"
     if axes.missing_axes:
         return (
             "vertical only: the seat gives no horizontal data"
             if axes.horizontal == "missing"
             else "the seat gives no data on one of its horizontal axes"
         )
+    if quality.losses.dead_s > 0.0:
+        return f"one axis of the seat does not change for {quality.losses.dead_s:.3g} s while another one moves"
     return _gravity_error(quality)
 
 

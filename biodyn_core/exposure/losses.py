@@ -9,13 +9,16 @@ class Losses(NamedTuple):
     """Clipped samples, and seconds without a true measurement; each makes a sensor's figures lower bounds.
 
     absent_s: seconds without any sample; filled_s: interpolated seconds; flat_s: seconds of a reading that never
-    changes. Filled and flat seconds are counted like measured ones.
+    changes. Filled and flat seconds are counted like measured ones. dead_s: seconds in which one axis never changes
+    while another one moves. They make the seat's horizontal figures lower bounds; those in which it is an axis of the
+    vertical are flat too.
     """
 
     clipped: int
     absent_s: float
     filled_s: float
     flat_s: float
+    dead_s: float = 0.0
 
     @property
     def missing_s(self) -> float:
@@ -35,13 +38,17 @@ class Losses(NamedTuple):
     def since(self, earlier: Losses) -> Losses:
         """The losses after an earlier state."""
         absent_s = max(0.0, self.absent_s - earlier.absent_s)  # a gap is withdrawn when leapt stamps return
-        filled_s, flat_s = self.filled_s - earlier.filled_s, self.flat_s - earlier.flat_s
-        return Losses(self.clipped - earlier.clipped, absent_s, filled_s, flat_s)
+        return Losses(
+            self.clipped - earlier.clipped, absent_s, self.filled_s - earlier.filled_s, self.flat_s - earlier.flat_s,
+            self.dead_s - earlier.dead_s,
+        )  # fmt: skip
 
     def plus(self, other: Losses) -> Losses:
         """The sum of both."""
-        absent_s, filled_s = self.absent_s + other.absent_s, self.filled_s + other.filled_s
-        return Losses(self.clipped + other.clipped, absent_s, filled_s, self.flat_s + other.flat_s)
+        return Losses(
+            self.clipped + other.clipped, self.absent_s + other.absent_s, self.filled_s + other.filled_s,
+            self.flat_s + other.flat_s, self.dead_s + other.dead_s,
+        )  # fmt: skip
 
 
 NO_LOSSES: Final = Losses(0, 0.0, 0.0, 0.0)

@@ -26,6 +26,7 @@ LOW_PASS_STATE: Final = LOW_PASS + 6 * SECTIONS
 # ... and constants: limits, gains, whether samples share a stamp, the mean reading at rest (3), which is gravity and
 # bias. Also state: the slow level of the gravity tracker and the two stamps around the last gap. For the detection of
 # rails each call stores the reading before its first (3), whether the two belong to one run, and the largest reading.
+# For dead axes: the part of each axis in the figures (3), and the reading at the last change of each axis (3 x 3).
 (
     MAX_GAP,
     FLAT_AFTER,
@@ -40,7 +41,12 @@ LOW_PASS_STATE: Final = LOW_PASS + 6 * SECTIONS
     AT_REST,
 ) = range(LOW_PASS_STATE + 2 * SECTIONS, LOW_PASS_STATE + 2 * SECTIONS + 11)
 BEFORE: Final = AT_REST + 3
-JOINED, LARGEST, STATE_SIZE = range(BEFORE + 3, BEFORE + 6)
+JOINED, LARGEST, AXIS_PART = range(BEFORE + 3, BEFORE + 6)
+AT_CHANGE: Final = AXIS_PART + 3
+STATE_SIZE: Final = AT_CHANGE + 9
+
+NO_PART, IN_HORIZONTAL, IN_VERTICAL = 0.0, 1.0, 2.0
+"""The part of an axis in the figures of its sensor."""
 
 # The array of counts: accepted and rejected samples, then counters of the clock.
 (
@@ -59,8 +65,17 @@ JOINED, LARGEST, STATE_SIZE = range(BEFORE + 3, BEFORE + 6)
     UNUSABLE,
     LATE_IN_A_ROW,
     SET_BACK,
-    COUNT_SIZE,
-) = range(16)
+    DEAD,
+    FLAT_UP_TO,
+    DEAD_UP_TO,
+    MOVING,
+) = range(19)
+# Of each axis since its last change: samples at which another axis was away from its reading then, and the first one.
+MOVING_FROM: Final = MOVING + 3
+COUNT_SIZE: Final = MOVING_FROM + 3
+
+AWAY_MPS2: Final = 0.5
+"""An axis so far from its reading at the last change of another one has moved: six steps of 12 bits and 16 g."""
 
 DONE, NEW_RUN, UNDECIDED, ACCEPT, REJECTED = range(5)
 """Decisions on a sample, and reasons to return: all read; the next begins a run; the next depends on later samples."""
@@ -235,14 +250,50 @@ def _count_reading(stamp: float, samples: Floats, at: int, state: Floats, counts
     largest = max(abs(samples[at, 0]), abs(samples[at, 1]), abs(samples[at, 2]))
     state[LARGEST] = max(state[LARGEST], largest)
     counts[CLIPPED] += largest >= state[SATURATION]
+    _count_dead_axes(samples, at, state, counts)
     if not _same(samples, at, state):
         state[FLAT_SINCE] = stamp
         counts[REPEATED] = 0
         return
     counts[REPEATED] += 1
     if stamp - state[FLAT_SINCE] >= state[FLAT_AFTER]:
-        counts[FLAT] += counts[REPEATED]
+        _count_up_to(FLAT, FLAT_UP_TO, counts[ACCEPTED] + 1 - counts[REPEATED], counts)
         counts[REPEATED] = 0
+
+
+@inlined
+def _count_up_to(count: int, up_to: int, begin: int, counts: Integers) -> None:
+    """Count the accepted samples from `begin` to the present one, each once."""
+    end = counts[ACCEPTED] + 1
+    counts[count] += end - max(begin, counts[up_to])
+    counts[up_to] = end
+
+
+@inlined
+def _count_dead_axes(samples: Floats, at: int, state: Floats, counts: Integers) -> None:
+    """Count a reading with an axis that never changes while another one moves, for as long as a flat line.
+
+    At rest an axis of a coarse sensor may stay on one step for long, so only the time in motion decides. A dead axis
+    with a part in the vertical is a flat line too.
+    """
+    for c in range(3):
+        if samples[at, c] != state[LAST + c]:
+            counts[MOVING + c] = 0
+            for other in range(3):
+                state[AT_CHANGE + 3 * c + other] = samples[at, other]
+            continue
+        away = 0.0
+        for other in range(3):
+            away = max(away, abs(samples[at, other] - state[AT_CHANGE + 3 * c + other]))
+        if away > AWAY_MPS2:
+            if counts[MOVING + c] == 0:
+                counts[MOVING_FROM + c] = counts[ACCEPTED]
+            counts[MOVING + c] += 1
+        if state[AXIS_PART + c] == NO_PART or counts[MOVING + c] * state[NOMINAL] < state[FLAT_AFTER]:
+            continue
+        _count_up_to(DEAD, DEAD_UP_TO, counts[MOVING_FROM + c], counts)
+        if state[AXIS_PART + c] == IN_VERTICAL:
+            _count_up_to(FLAT, FLAT_UP_TO, counts[MOVING_FROM + c], counts)
 
 
 @inlined

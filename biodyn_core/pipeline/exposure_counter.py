@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Final, NamedTuple
 
 from biodyn_core.base.arrays import Floats
+from biodyn_core.base.segments import SEAT
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.conditioning.conditioner import Conditioner
 from biodyn_core.conditioning.tilt import Vector, first_axis_rad
@@ -38,6 +39,8 @@ class ExposureCounter:
     """`count` conditioned blocks; read the meters `since_reset` or of the `rolling` window, and the `losses`.
 
     meters: by sensor, from its first block on. initial: exposure before this run, zero for a run of its own.
+    lost_before_reset: all losses of a sensor up to the last reset, for figures that reach back beyond it. reset_ns: the
+    seat's newest stamp then; None without a reset.
     """
 
     def __init__(
@@ -46,6 +49,8 @@ class ExposureCounter:
         self._conditioners, self._timelines, self._settings = conditioners, timelines, settings
         self.meters: dict[str, SensorMeters] = {}
         self.initial = ZERO
+        self.lost_before_reset = dict.fromkeys(conditioners, NO_LOSSES)
+        self.reset_ns: int | None = None
         self._at_reset = dict.fromkeys(conditioners, NO_LOSSES)
         self._clipping_at_reset = {name: conditioner.clipping() for name, conditioner in conditioners.items()}
 
@@ -72,10 +77,17 @@ class ExposureCounter:
         """The meters by sensor, also of sensors with initial exposure alone."""
         return {name: one.meters for name, one in self.initial.sensors.items()} | self.meters
 
-    def rolling(self) -> dict[str, SensorMeters]:
-        """The meters of the sensors that sent samples within the window."""
+    def rolling(self, silent: Collection[str] = ()) -> dict[str, SensorMeters]:
+        """The meters of the sensors that sent usable samples within the window.
+
+        silent: sensors that did not by another clock; stamps alone do not show that all sensors are silent.
+        """
         window_s = self._settings.window_s
-        return {name: meters for name, meters in self.meters.items() if self._timelines.silent_s(name) <= window_s}
+        return {
+            name: meters
+            for name, meters in self.meters.items()
+            if name not in silent and self.absence_s(name) <= window_s
+        }
 
     def losses(self, sensor: str) -> Losses:
         """The losses of a sensor since reset, initial ones included.
@@ -94,7 +106,13 @@ class ExposureCounter:
         gap_s = max(0.0, status.gap_s + timelines.gap_s(sensor))
         late_s = self._late_s(sensor)
         absent_s = status.unrested_s + status.set_back_s + gap_s + late_s + self.absence_s(sensor)
-        return Losses(status.clipped, absent_s, status.filled_s, status.flat_s)
+        return Losses(status.clipped, absent_s, status.filled_s, status.flat_s, status.dead_s)
+
+    def rolling_losses(self, sensor: str) -> Losses:
+        """The losses since reset, and those before it as long as the rolling window reaches back beyond the reset."""
+        losses = self.losses(sensor)
+        reaches = self._timelines.elapsed_s() < self._settings.window_s
+        return losses.plus(self.lost_before_reset[sensor]) if reaches else losses
 
     def absence_s(self, sensor: str) -> float:
         """Time since a sensor's last accepted sample: the others went on, or its own samples were rejected."""
@@ -161,6 +179,9 @@ class ExposureCounter:
 
     def reset(self) -> None:
         """Set everything "since reset" to zero, initial exposure included."""
+        for name, before in self.lost_before_reset.items():
+            self.lost_before_reset[name] = before.plus(self.losses(name))
+        self.reset_ns = self._conditioners[SEAT].newest_ns
         for meters in self.meters.values():
             meters.reset()
         self.initial = ZERO

@@ -8,7 +8,7 @@ sensors within that bound gives the same frames.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Final
 
 import numpy as np
@@ -166,9 +166,12 @@ class Pipeline:
 
     # --- figures and status ------------------------------------------------------------------------------------------
 
-    def exposure(self, rolling: bool = False) -> Exposure:
-        """The figures since reset, or over the last `window_s`, without the sensors that are silent for that long."""
-        meters = self.counter.rolling() if rolling else self.counter.since_reset()
+    def exposure(self, rolling: bool = False, silent: Collection[str] = ()) -> Exposure:
+        """The figures since reset, or over the last `window_s`, without the sensors that are silent for that long.
+
+        silent: sensors that are so by another clock than the stamps.
+        """
+        meters = self.counter.rolling(silent) if rolling else self.counter.since_reset()
         return exposure_of(meters, self.predictor, self.settings.weightings(), rolling)
 
     def seat(self, project: bool = False) -> SeatExposure | None:

@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING, Final
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEGMENTS, SENSORS
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from biodyn_core.exposure.limit_assessment import SeatExposure
     from biodyn_core.pipeline.exposure import Exposure
+    from biodyn_core.pipeline.pipeline import Pipeline
 
 NODE_NAME: Final = "biodyn"
 INPUT: Final = {sensor: f"imu/{sensor}/data" for sensor in SENSORS}
@@ -56,6 +59,17 @@ def status_name(of: str) -> str:
     return f"{NODE_NAME}: {of}"
 
 
+def scalar_values(pipeline: Pipeline, silent: Collection[str] = (), seat_at_fault: bool = False) -> dict[str, float]:
+    """The value of each scalar topic; a value not available is absent.
+
+    silent: sensors without a message for longer than the window, by arrival. seat_at_fault: no time left is given.
+    """
+    since, rolling = pipeline.exposure(), pipeline.exposure(True, silent)
+    values = exposure_values(since, EXPOSURE) | exposure_values(rolling, ROLLING)
+    values |= {RESIDUAL[segment]: rms for segment, (rms, _) in rolling.residual.items()}
+    return values | seat_values(pipeline.seat(), seat_at_fault)
+
+
 def exposure_values(exposure: Exposure, root: str) -> dict[str, float]:
     """The value of each topic of one time span; a value not available yet is absent."""
     values = {}
@@ -71,10 +85,12 @@ def exposure_values(exposure: Exposure, root: str) -> dict[str, float]:
     return values
 
 
-def seat_values(seat: SeatExposure | None) -> dict[str, float]:
-    """The seat's exposure and times to its limits; an unknown time is absent."""
+def seat_values(seat: SeatExposure | None, at_fault: bool = False) -> dict[str, float]:
+    """The seat's exposure and times to its limits; an unknown time is absent, and every time while it is at fault."""
     if seat is None:
         return {}
+    if at_fault:
+        return {f"{EXPOSURE}/seat/a8": seat.a8_so_far_mps2}
     values = {
         "a8": seat.a8_so_far_mps2,
         "time_to_action_value": seat.time_to_action_value_s,

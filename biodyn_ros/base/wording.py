@@ -69,9 +69,12 @@ MAX_EXTRA_DECIMALS: Final = 3
 """An interval has at most so many decimal places more than a number has."""
 
 
-def stuck(samples: int) -> str:
-    """The warning about samples whose value does not change."""
-    return f"{counted(samples, 'sample')} with an unchanging value counted as missing: stuck sensor?"
+def unchanging(flat: int, dead: int) -> list[str]:
+    """The warnings about samples whose value does not change, or one axis of it while another one moves."""
+    lines = [f"{counted(flat, 'sample')} with an unchanging value counted as missing: stuck sensor?"] if flat else []
+    if dead:
+        lines.append(f"{counted(dead, 'sample')} with an axis that does not change while another one moves: dead axis?")
+    return lines
 
 
 def rejected(counts: Mapping[str, int]) -> str:

@@ -13,7 +13,7 @@ from biodyn_core.conditioning.conditioner import Conditioner
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.conditioning.gravity import Gravity
 from biodyn_ros.bag import LoggedImu
-from biodyn_ros.base.wording import stuck
+from biodyn_ros.base.wording import unchanging
 from biodyn_ros.reading.stamps import SensorClock, TimeChoice
 
 CAUSES: Final = ("unset", "non_finite", "duplicate", "late", "stray")
@@ -128,7 +128,7 @@ class Survey:
                 f"{self.name}: stamps differ from an even clock by {1e3 * off_s:.0f} ms on average: sampling is"
                 " uneven, or the driver sets stamps late"
             )
-        texts = [*status.warnings, *([stuck(status.flat)] if status.flat else [])]
+        texts = [*status.warnings, *unchanging(status.flat, status.dead)]
         return lines + [f"{self.name}: {text}" for text in texts]
 
 

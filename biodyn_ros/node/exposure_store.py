@@ -24,7 +24,7 @@ from biodyn_ros.base.files import OWNER_ONLY, exists, make_directory, remove, st
 from biodyn_ros.base.json_files import keys_of, read_json
 from biodyn_ros.node.first_stamps import FirstStamps
 
-SCHEMA: Final = 5
+SCHEMA: Final = 6
 BACKUP: Final = ".before"
 NO_FILE: Final = "none"
 

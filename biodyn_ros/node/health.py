@@ -16,7 +16,7 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.base.segments import SEAT
+from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.base.wording import counted
 from biodyn_core.body.origin import origin_of
 from biodyn_core.body.subject import Subject
@@ -62,6 +62,7 @@ OK, WARN, ERROR = range(3)
 CAUSES: Final = {
     **REJECTED,
     "flat": ("sample of a reading that never changes", "samples of a reading that never changes"),
+    "dead": ("sample with one axis that never changes", "samples with one axis that never changes"),
     "clipped": ("sample clipped", "samples clipped"),
     "filled": ("sample lost and interpolated", "samples lost and interpolated"),
     "lost": ("message lost in transport", "messages lost in transport"),
@@ -70,8 +71,8 @@ CAUSES: Final = {
 """Text for one and for several faulty samples or messages, by the name of their count."""
 
 COUNTS: Final = (
-    "accepted", "unset", "non_finite", "duplicate", "late", "stray", "filled", "flat", "clipped", "runs", "gap_s",
-    "set_back_s", "uncounted_s",
+    "accepted", "unset", "non_finite", "duplicate", "late", "stray", "filled", "flat", "dead", "clipped", "runs",
+    "gap_s", "set_back_s", "uncounted_s",
 )  # fmt: skip
 """Fields of `SensorStatus` in the diagnostics, in addition to rate and gravity."""
 
@@ -377,6 +378,20 @@ def _interval_of(subject: Subject) -> str:
 def _misfit_text(misfit: Misfit) -> str:
     since = time.strftime("since %H:%M:%S", time.localtime(1e-9 * misfit.begin_ns))
     return misfit_line(misfit.segment, since, misfit.ratio)
+
+
+def seat_fault(statuses: Mapping[str, Status]) -> str:
+    """The seat's present fault, which the figures since reset may not show yet; empty without one."""
+    seat, prediction = statuses[SEAT], statuses["prediction"]
+    if seat.level == ERROR or int(seat.values["publishers"]) > 1:
+        return f"seat: {seat.message}"
+    return "" if seat.values["rate_hz"] else prediction.message
+
+
+def silent_sensors(statuses: Mapping[str, Status], longer_than_s: float) -> list[str]:
+    """The sensors whose last message came before so many seconds."""
+    silent = {name: statuses[name].values["silent_s"] for name in SENSORS if name in statuses}
+    return [name for name, silent_s in silent.items() if silent_s and float(silent_s) > longer_than_s]
 
 
 def storage_status(store: ExposureStore) -> Status:

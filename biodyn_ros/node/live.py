@@ -185,7 +185,7 @@ class BiodynNode(LifecycleNode):
         )
         self._start_timers(
             [
-                (self.settings.exposure_rate_hz, lambda: self._publications.exposure(self.pipeline)),
+                (self.settings.exposure_rate_hz, lambda: self._publications.exposure(self.pipeline, self._statuses)),
                 (DIAGNOSTICS_RATE_HZ, self._publish_diagnostics),
                 (SNAPSHOT_RATE_HZ, self._publish_snapshot),
                 (TRANSPORT_RATE_HZ, self._sensors.check_transport),

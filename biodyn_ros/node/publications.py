@@ -23,7 +23,7 @@ from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.bag.blocks import AnyFrames, BlockEncoder, measured_blocks, predicted_blocks
 from biodyn_ros.bag.cdr import AccelStampedTemplate
 from biodyn_ros.base import topics
-from biodyn_ros.node.health import Mark, Status
+from biodyn_ros.node.health import Mark, Status, seat_fault, silent_sensors
 
 OUTPUT_DEPTH: Final = 2000
 BLOCK_DEPTH: Final = 400
@@ -156,15 +156,17 @@ class Publications:
         self._predicted_block.publish()
         self._measured_block.publish()
 
-    def exposure(self, pipeline: Pipeline) -> None:
-        """Publish the figures since reset and of the window, to the topics with subscribers."""
+    def exposure(self, pipeline: Pipeline, statuses: Sequence[Status]) -> None:
+        """Publish the figures since reset and of the window, to the topics with subscribers.
+
+        statuses: the latest of the diagnostics.
+        """
         wanted = [topic for topic, publisher in self._scalars.items() if publisher.get_subscription_count() > 0]
         if not wanted:
             return
-        since, rolling = pipeline.exposure(), pipeline.exposure(rolling=True)
-        values = topics.exposure_values(since, topics.EXPOSURE) | topics.exposure_values(rolling, topics.ROLLING)
-        values |= {topics.RESIDUAL[segment]: rms for segment, (rms, _) in rolling.residual.items()}
-        values |= topics.seat_values(pipeline.seat())
+        by_name = {status.of: status for status in statuses}
+        silent = silent_sensors(by_name, pipeline.settings.window_s)
+        values = topics.scalar_values(pipeline, silent, bool(by_name) and bool(seat_fault(by_name)))
         for topic in wanted:
             if topic in values:
                 self._scalars[topic].publish(Float64(data=values[topic]))

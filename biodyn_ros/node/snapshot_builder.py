@@ -25,7 +25,7 @@ from biodyn_core.pipeline.shocks import Shock, Shocks
 from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.base.wording import ORIGIN, partly_tested, words
-from biodyn_ros.node.health import ERROR, SILENT_AFTER_S, Mark, Status
+from biodyn_ros.node.health import SILENT_AFTER_S, Mark, Status, seat_fault, silent_sensors
 from biodyn_ros.reports.downsampling import Bins, MinMaxDownsampler
 from biodyn_ros.reports.exposure_json import dri_document
 from biodyn_ros.reports.exposure_report import ChannelExposure
@@ -68,11 +68,14 @@ class SnapshotBuilder:
 
     def snapshot(self, pipeline: Pipeline, statuses: list[Status], marks: Iterable[Mark]) -> dict[str, Any]:
         """The content of the page now, finite numbers and texts alone."""
-        run, seat, rolling = pipeline.run_status(), pipeline.seat(), pipeline.exposure(rolling=True)
+        by_name = {status.of: status for status in statuses}
+        silent = silent_sensors(by_name, pipeline.settings.window_s)
+        run, seat, rolling = pipeline.run_status(), pipeline.seat(), pipeline.exposure(True, silent)
         since, seat_losses = pipeline.exposure(), pipeline.losses(SEAT)
         channel = ChannelExposure(since.sensors[SEAT], seat_losses) if SEAT in since.sensors else None
-        by_name = {status.of: status for status in statuses}
-        fault, bounds = _seat_fault(by_name), {name for name in SENSORS if pipeline.losses(name).mean_lower_bound}
+        fault, rolling_losses = seat_fault(by_name), {name: pipeline.counter.rolling_losses(name) for name in SENSORS}
+        bounds = {name for name, losses in rolling_losses.items() if losses.mean_lower_bound}
+        force_bound = rolling_losses[SEAT].lower_bound or run.unpredicted_s > 0.0
         extrapolated = run.is_extrapolating and seat is not None
         return {
             "version": __version__,
@@ -88,13 +91,13 @@ class SnapshotBuilder:
             "verdict": vars(seat_verdict(seat, channel and seat_losses, fault)),
             "seat": _seat(seat, pipeline.limits.deciding, seat_losses, fault) if seat else None,
             "meter": asdict(readings) if (readings := meter_readings(seat, channel)) else None,
-            "rows": _rows(rolling, by_name, bounds, seat_losses.lower_bound or run.unpredicted_s > 0.0),
+            "rows": _rows(rolling, by_name, bounds, force_bound),
             "prediction": _status(by_name["prediction"]) | {"extrapolated": extrapolated},
             "no_interval": pipeline.no_interval or None,
             "fit": _fit(pipeline),
             "exposure": _status(by_name["exposure"]) if "exposure" in by_name else None,
             "dri": dri_document(since.dri, seat_losses.lower_bound),
-            "shocks": [_shock(shock, bounds) for shock in self._shocks.latest()],
+            "shocks": [_shock(shock, _lowered(shock, pipeline)) for shock in self._shocks.latest()],
             "strip": {name: _strip(bins) for name, bins in self._bins.items()} | self._errors(pipeline),
             "marks": [asdict(mark) for mark in marks],
         }
@@ -112,14 +115,6 @@ class SnapshotBuilder:
         self._last_spread = new[-1]
         half_mps2 = NORMAL_95 * np.array([one.accel_mps2 for one in new])
         return {"error": _strip(Bins(np.array([one.begin_ns for one in new]), -half_mps2, half_mps2))}
-
-
-def _seat_fault(statuses: dict[str, Status]) -> str:
-    """The seat's present fault, which the figures since reset may not show yet; empty without one."""
-    seat, prediction = statuses[SEAT], statuses["prediction"]
-    if seat.level == ERROR or int(seat.values["publishers"]) > 1:
-        return f"seat: {seat.message}"
-    return "" if seat.values["rate_hz"] else prediction.message
 
 
 def _status(status: Status) -> dict[str, Any]:
@@ -224,6 +219,14 @@ def _sensor(status: Status) -> dict[str, Any]:
 
 def _ratio(figure: float | None, seat_mps2: float) -> float | None:
     return None if figure is None or seat_mps2 < LEAST_SEAT_MPS2 else figure / seat_mps2
+
+
+def _lowered(shock: Shock, pipeline: Pipeline) -> set[str]:
+    """The sensors whose peaks of a shock are lower bounds; one before the last reset has the losses before it."""
+    counter = pipeline.counter
+    is_before = counter.reset_ns is not None and shock.begin_ns < counter.reset_ns
+    found = {name: counter.lost_before_reset[name] if is_before else pipeline.losses(name) for name in SENSORS}
+    return {name for name, losses in found.items() if losses.mean_lower_bound}
 
 
 def _shock(shock: Shock, lower_bounds: Container[str]) -> dict[str, Any]:

@@ -30,7 +30,7 @@ from biodyn_ros.base.wording import (
     compared_without,
     left_range,
     rejected,
-    stuck,
+    unchanging,
 )
 from biodyn_ros.reading.marks import Mark
 from biodyn_ros.reports.intervals import DoseIntervals, ForceIntervals, dose_intervals, force_intervals, interval_notes
@@ -212,8 +212,7 @@ def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
             lines.append(f"{name}: {counted(status.rejected, 'sample')} rejected: {causes}")
         if status.unusable_s > 0.0:
             lines.append(f"{name}: the last {status.unusable_s:.3f} s have no usable sample")
-        if status.flat:
-            lines.append(f"{name}: {stuck(status.flat)}")
+        lines += [f"{name}: {text}" for text in unchanging(status.flat, status.dead)]
         lost = pipeline.losses(name)
         if lost.clipped:
             lines.append(f"{name}: {counted(lost.clipped, 'sample')} clipped: doses and peaks are lower bounds")

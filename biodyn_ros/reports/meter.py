@@ -62,7 +62,8 @@ def _axis(axis: str, seat: SeatExposure, losses: Losses) -> AxisReading:
     aw, vdv = seat.aw_weighted_mps2, seat.vdv_weighted_mps175
     known = axis if axis in aw else "worst_direction"
     lower = losses.lower_bound if axis == "z" else seat.lower_bound
-    return AxisReading(axis, aw.get(known), vdv.get(known), losses.mean_lower_bound, lower)
+    dead = axis != "z" and losses.dead_s > 0.0
+    return AxisReading(axis, aw.get(known), vdv.get(known), losses.mean_lower_bound or dead, lower)
 
 
 def _bounds(seat: SeatExposure, losses: Losses) -> str:
