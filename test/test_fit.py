@@ -6,6 +6,7 @@ import math
 import shutil
 from pathlib import Path
 
+import fitting
 import numpy as np
 import pytest
 import yaml
@@ -22,13 +23,15 @@ from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.body.usual_residual import usual_residuals
 from biodyn_core.identification.phase1 import SwarmSettings
+from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.pipeline.intervals import prediction_spread
 from biodyn_ros.commands.cli import main
 from biodyn_ros.fit.document import fit_document, fitted_subject, provenance
-from biodyn_ros.fit.fitting import FitOptions, check_output, fit_bags, parse_cases, write_fitted
+from biodyn_ros.fit.fitting import FitOptions, check_output, choose, fit_bags, parse_cases, write_fitted
 from biodyn_ros.fit.report import Report, reuse_warnings
 from biodyn_ros.fit.text import text_of
+from biodyn_ros.reading.events import BagEvent
 from biodyn_ros.reading.provenance import Source, bag_sha256, role_of, source_of
 
 SUBJECT = subject()
@@ -53,6 +56,22 @@ def fitted(bags: dict[str, Path]) -> Report:
         profiles=("natural_frequency_hz[head]",),
     )  # fmt: skip
     return fit_bags([bags["rail_1"], bags["rail_2"], bags["road"]], SUBJECT, options)
+
+
+def test_a_head_that_is_too_short_to_be_fitted_decides_nothing() -> None:
+    """The stronger repetition has the head for 0.3 s only: fitted to it, the head would be in no fit."""
+    seat = fitting.seat_motion("road", 4.0, 1)
+    long, short = (np.outer(scale * seat, np.ones(5)) for scale in (1.0, 2.0))
+    short[: round(3.7 * fitting.RATE_HZ), -1] = np.nan
+    events = []
+    for name, accel in (("long", long), ("short", short)):
+        recording = fitting.recording(seat, accel)
+        case = Case.of(recording, fitting.SPECTRUM, fitting.LINES)
+        events.append((BagEvent(name, Source(name), recording, False), case))
+    for order in (events, events[::-1]):
+        fitted_to, spare = choose(order)
+        assert [event.bag for event, _ in fitted_to] == ["long"] and [event.bag for event, _ in spare] == ["short"]
+    assert choose(events[1:]) == (events[1:], [])
 
 
 def test_the_document_has_its_keys(fitted: Report) -> None:
