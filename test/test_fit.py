@@ -338,6 +338,19 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_work(tmp_path: P
         check_output(tmp_path / "dir.yaml")
 
 
+@pytest.mark.parametrize("name", ["anna.yaml", "session.yaml"])
+def test_a_fit_replaces_no_input(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Neither the given subject nor an events file, whose sessions it would take away."""
+    anna, events = tmp_path / "anna.yaml", tmp_path / "session.yaml"
+    anna.write_text("schema: 1\nname: anna\nbody_mass_kg: 58.6\nstature_m: 1.73\nmass_matrix: segment\n")
+    events.write_text("schema: 1\n")
+    before = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    assert main(["fit", str(events), "--subject", str(anna), "-o", str(tmp_path / name), *SMALL]) == 2
+    error = capsys.readouterr().err
+    assert f"{name}: is an input, and a result would replace it" in error and error.count("\n") == 1
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == before
+
+
 def test_the_same_recording_by_two_names_is_refused(bags: dict[str, Path], tmp_path: Path) -> None:
     twin = Path(shutil.copy(bags["rail_1"], tmp_path / "rail_9.mcap"))
     with pytest.raises(InputError, match=r"rail_9\.mcap: the same recording as .*rail_1"):
