@@ -53,7 +53,7 @@ def test_the_order_of_the_tasks_does_not_matter(found: Identification) -> None:
 def test_work_that_serves_several_fits_is_counted_once() -> None:
     """Of a single case, one refinement is the fit by itself, the joint fit, and here that of a refiner too."""
     few = dataclasses.replace(QUICK, clocks="trusted", refined_starts=1)
-    done = []
+    done: list[Any] = []
 
     def counted(tasks: Sequence[Task]) -> list[Any]:
         results = {task.name: task.function(*task.arguments) for task in tasks}

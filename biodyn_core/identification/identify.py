@@ -92,7 +92,7 @@ class Identification:
     def parts(self) -> list[Search | Refined]:
         """All searches and refinements, each once: of a single case, one serves the fit by itself and the joint fit."""
         fits = [fit.refined for fit in (*self.fits, self.without_prior, self.other)]
-        found = [*self.searches, *fits, *(run.refined for run in self.refiners)]
+        found: list[Search | Refined] = [*self.searches, *fits, *(run.refined for run in self.refiners)]
         return list({id(one): one for one in found}.values())
 
     @property
