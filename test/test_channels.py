@@ -22,7 +22,7 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SENSORS, STANDARD_GRAVITY_MPS2
 from biodyn_core.conditioning.channels import interpolated
 from biodyn_core.conditioning.tilt import horizontal_axes, rotation_to_vertical
-from biodyn_core.recording.recording import Recorder, Recording, RecordingSettings
+from biodyn_core.recording.recording import REPORTED_S, Recorder, Recording, RecordingSettings
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base.topics import INPUT
@@ -274,7 +274,7 @@ def test_channels_change_nothing_else() -> None:
     same(dataclasses.replace(recorded(streams, keep_lean=False), channels={}), without)
 
 
-@pytest.mark.parametrize(("lost", "is_masked"), [(1, False), (3, False), (4, True), (40, True)])
+@pytest.mark.parametrize(("lost", "is_masked"), [(1, False), (3, False), (4, True), (80, True)])
 def test_a_gap_of_the_gyro_alone_masks_the_gyro_alone(lost: int, is_masked: bool) -> None:
     streams = everywhere(mounted(turned("ZX", 20.0, 8.0)))
     good = recorded(streams)
@@ -289,6 +289,10 @@ def test_a_gap_of_the_gyro_alone_masks_the_gyro_alone(lost: int, is_masked: bool
     masked = np.isnan(head.rates_radps[:, 0]) & ~np.isnan(whole.rates_radps[:, 0])
     assert masked.any() == is_masked
     assert masked.sum() <= is_masked * (lost + 2 * REACH + 12)
+    # Effects take what is masked as zero, so it is said.
+    said = [line for line in recording.warnings if "angular rates" in line]
+    assert len(said) == (masked.sum() > REPORTED_S * recording.rate_hz)
+    assert all(line.startswith("head: no angular rates in 0.") for line in said)
     # A bridge of 3.5 ms over 3.3 Hz errs by (pi f gap)^2 / 2 = 0.07 %.
     np.testing.assert_allclose(head.rates_radps[~masked], whole.rates_radps[~masked], atol=1e-3)
 

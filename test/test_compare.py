@@ -14,7 +14,9 @@ from paper import THETAS, person, printed, shipped
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEGMENTS
+from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.compare import Deviation, SubjectComparison, compare
+from biodyn_core.population.population import new_subject
 from biodyn_ros.fit.comparison import comparison_document, text_of
 
 PELVIS_SHAPE_PER_M = 30.0
@@ -192,6 +194,25 @@ def test_the_text_has_both_subjects_the_threshold_and_every_row():
     assert "stiffness neck 45.85 74.02 kN/m 61.43 %" in plain[divergent:]
     assert "strain stiffening upper torso 3.255 7.320 1/m 124.88 %" in plain[divergent:]
     assert "Rayleigh damping 2.987 1.904 rad/s 36.26 %" in plain[divergent:]
+
+
+def test_parameters_beside_other_effects_are_those_of_another_model():
+    """At rest the joints of a subject of the population are stiffer than those of one who does not soften."""
+    person, plain = new_subject("me", 58.6, 1.73), shipped("subject_1")
+    found = compare(person, plain)
+    note = (
+        "parameters of different models, because of the effects: A has thixotropy (pelvis, lower torso, central torso"
+    )
+    assert not found.has_same_effects and note in text_of(found) and "B has none" in text_of(found)
+    document = comparison_document(found)
+    assert [one["name"] for one in document["a"]["effects"]] == ["thixotropy"] * 6 and document["b"]["effects"] == []
+    gain = AppliedEffect(CATALOGUE["gain"], "head", {"gain": 0.1})
+    off = AppliedEffect(CATALOGUE["harness"], "upper_torso", {"stiffness_n_per_m": 0.0, "slack_m": 0.0})
+    for twin in (plain, dataclasses.replace(plain, effects=(gain, off))):  # of a sensor, and without strength
+        assert compare(plain, twin).has_same_effects and "different models" not in text_of(compare(plain, twin))
+    weak = [dataclasses.replace(one, values={**one.values, "softening": 0.4}) for one in person.effects]
+    weaker = compare(person, dataclasses.replace(person, effects=tuple(weak)))
+    assert not weaker.has_same_effects and "with other values" in text_of(weaker)
 
 
 def test_columns_are_aligned():

@@ -6,6 +6,7 @@ import math
 import shutil
 from pathlib import Path
 
+import fitting
 import numpy as np
 import pytest
 import yaml
@@ -22,13 +23,15 @@ from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.body.usual_residual import usual_residuals
 from biodyn_core.identification.phase1 import SwarmSettings
+from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.pipeline.intervals import prediction_spread
 from biodyn_ros.commands.cli import main
 from biodyn_ros.fit.document import fit_document, fitted_subject, provenance
-from biodyn_ros.fit.fitting import FitOptions, check_output, fit_bags, parse_cases, write_fitted
+from biodyn_ros.fit.fitting import FitOptions, check_output, choose, fit_bags, parse_cases, write_fitted
 from biodyn_ros.fit.report import Report, reuse_warnings
 from biodyn_ros.fit.text import text_of
+from biodyn_ros.reading.events import BagEvent
 from biodyn_ros.reading.provenance import Source, bag_sha256, role_of, source_of
 
 SUBJECT = subject()
@@ -53,6 +56,22 @@ def fitted(bags: dict[str, Path]) -> Report:
         profiles=("natural_frequency_hz[head]",),
     )  # fmt: skip
     return fit_bags([bags["rail_1"], bags["rail_2"], bags["road"]], SUBJECT, options)
+
+
+def test_a_head_that_is_too_short_to_be_fitted_decides_nothing() -> None:
+    """The stronger repetition has the head for 0.3 s only: fitted to it, the head would be in no fit."""
+    seat = fitting.seat_motion("road", 4.0, 1)
+    long, short = (np.outer(scale * seat, np.ones(5)) for scale in (1.0, 2.0))
+    short[: round(3.7 * fitting.RATE_HZ), -1] = np.nan
+    events = []
+    for name, accel in (("long", long), ("short", short)):
+        recording = fitting.recording(seat, accel)
+        case = Case.of(recording, fitting.SPECTRUM, fitting.LINES)
+        events.append((BagEvent(name, Source(name), recording, False), case))
+    for order in (events, events[::-1]):
+        fitted_to, spare = choose(order)
+        assert [event.bag for event, _ in fitted_to] == ["long"] and [event.bag for event, _ in spare] == ["short"]
+    assert choose(events[1:]) == (events[1:], [])
 
 
 def test_the_document_has_its_keys(fitted: Report) -> None:
@@ -317,6 +336,19 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_work(tmp_path: P
     (tmp_path / "dir.yaml").mkdir()
     with pytest.raises(InputError, match="is a directory"):
         check_output(tmp_path / "dir.yaml")
+
+
+@pytest.mark.parametrize("name", ["anna.yaml", "session.yaml"])
+def test_a_fit_replaces_no_input(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Neither the given subject nor an events file, whose sessions it would take away."""
+    anna, events = tmp_path / "anna.yaml", tmp_path / "session.yaml"
+    anna.write_text("schema: 1\nname: anna\nbody_mass_kg: 58.6\nstature_m: 1.73\nmass_matrix: segment\n")
+    events.write_text("schema: 1\n")
+    before = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    assert main(["fit", str(events), "--subject", str(anna), "-o", str(tmp_path / name), *SMALL]) == 2
+    error = capsys.readouterr().err
+    assert f"{name}: is an input, and a result would replace it" in error and error.count("\n") == 1
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == before
 
 
 def test_the_same_recording_by_two_names_is_refused(bags: dict[str, Path], tmp_path: Path) -> None:

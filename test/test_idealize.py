@@ -16,6 +16,7 @@ from biodyn_core.base.segments import SEGMENTS, STIFFENING_SHAPE_PER_M
 from biodyn_core.body.model import Chain
 from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER, Parameters
 from biodyn_core.body.subject import Subject
+from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.idealize import FittedCase, Idealized, idealize
 
 COLUMNS = ("case_1", "case_2", "case_3")
@@ -259,6 +260,15 @@ def test_cases_of_different_subjects_are_refused_with_the_difference(key, value)
     with pytest.raises(InputError, match="road and pothole are of different subjects") as refusal:
         idealize(cases)
     assert f"{key} is " in str(refusal.value) and repr(value) in str(refusal.value) and "\n" not in str(refusal.value)
+
+
+def test_cases_beside_different_effects_are_refused():
+    """The fused parameters would stand beside the effects of one case, whatever the others were fitted with."""
+    effects = (AppliedEffect(CATALOGUE["relaxation"], "pelvis", {"stiffness_ratio": 0.4, "tau_s": 0.1}),)
+    cases = [FittedCase("road", person(LOWER), 5.0), FittedCase("rail", person(LOWER, effects=effects), 5.0)]
+    for order in (cases, cases[::-1]):
+        with pytest.raises(InputError, match=r"of different subjects: effects is .*'relaxation'.*idealize one subject"):
+            idealize(order)
 
 
 def test_linear_and_nonlinear_fits_together_are_refused():

@@ -2,6 +2,8 @@
 
 import dataclasses
 import random
+from collections.abc import Sequence
+from typing import Any
 
 import fitting
 import numpy as np
@@ -46,6 +48,21 @@ def test_the_order_of_the_tasks_does_not_matter(found: Identification) -> None:
     for one, other in zip(found.fits, again.fits, strict=True):
         assert one.refined.costs.tolist() == other.refined.costs.tolist()
     assert again.evaluations == found.evaluations
+
+
+def test_work_that_serves_several_fits_is_counted_once() -> None:
+    """Of a single case, one refinement is the fit by itself, the joint fit, and here that of a refiner too."""
+    few = dataclasses.replace(QUICK, clocks="trusted", refined_starts=1)
+    done: list[Any] = []
+
+    def counted(tasks: Sequence[Task]) -> list[Any]:
+        results = {task.name: task.function(*task.arguments) for task in tasks}
+        done.extend(results.values())
+        return [results[task.name] for task in tasks]
+
+    found = identify(fitted_cases()[:1], SUBJECT, 1, few, counted)
+    assert found.evaluations == sum(part.evaluations for part in done)
+    assert {id(part) for part in found.parts} == {id(part) for part in done}
 
 
 def test_the_results_by_case_are_those_of_single_fits(found: Identification) -> None:

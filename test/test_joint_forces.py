@@ -19,6 +19,7 @@ from biodyn_core.body.model import Chain, parts_of_motion
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.exposure.joint_forces import JOINT_NAMES, JointForceMeter, joint_weights
 from biodyn_core.pipeline.pipeline import Pipeline
+from biodyn_ros.reports.exposure_report import exposure_report
 
 RATE_HZ = 1129.3
 SHOCK = half_sine(4.0, 0.02, 0.6, RATE_HZ)
@@ -115,6 +116,22 @@ def test_figures_of_the_pipeline_are_those_of_its_frames() -> None:
         assert found.compression_n == force[:, column].max() and found.tension_n == -force[:, column].min()
         assert found.rms_n == pytest.approx(np.sqrt(np.mean(force[:, column] ** 2)), rel=1e-9)
     assert result.exposure.joint_forces["pelvis"].compression_n > result.exposure.joint_forces["head"].compression_n
+
+
+def test_what_effects_hang_on_the_body_weighs_on_its_joints() -> None:
+    """A helmet is in the force of the neck, so it is in the weight beside it too, beyond which a body lifts off."""
+    helmet = AppliedEffect(CATALOGUE["added_mass"], "head", {"mass_kg": 1.5, "liner_hz": 60.0, "damping_ratio": 0.3})
+    organs = AppliedEffect(
+        CATALOGUE["viscera"], "lower_torso", {"mass_kg": 5.0, "natural_frequency_hz": 4.5, "damping_ratio": 0.25}
+    )
+    subject, streams = dataclasses.replace(shipped("subject_1"), effects=(helmet, organs)), noisy_streams()
+    result = run(streams, in_turn(streams), pipeline=Pipeline(subject))
+    found = exposure_report(result.pipeline).joint_forces
+    more_kg = {"pelvis": 6.5, "lower_torso": 6.5, "central_torso": 1.5, "upper_torso": 1.5, "neck": 1.5, "head": 1.5}
+    body = joint_weights(Chain.of(subject).mass_kg)
+    for name, joint in found.items():
+        assert joint.static_n == pytest.approx(body[name] + naive.GRAVITY * more_kg[name])
+    assert len(found) == len(SEGMENTS)
 
 
 def test_a_body_three_times_as_heavy_has_no_forces() -> None:

@@ -520,6 +520,10 @@ def test_a_campaign_is_no_greener_than_its_subjects(tones: tuple[str, str], tone
     assert any("not fitted to: anna" in line for line in found.reasons) == ("bad" in tones)
     failed = CampaignReport("", (*rows, row("carl", state="failed")))
     assert campaign_verdict(failed, fits).tone == "bad"
+    assert not any("different models" in line for line in found.reasons)
+    mixed = campaign_verdict(CampaignReport("", rows), fits | {"ben": dataclasses.replace(good, mass_matrix="cascade")})
+    (line,) = (line for line in mixed.reasons if "different models" in line)
+    assert line.endswith("by mass matrix: segment: anna; cascade: ben.")
 
 
 def test_a_page_that_cannot_be_drawn_costs_no_subject(

@@ -252,9 +252,10 @@ def test_viscera_in_the_frequency_domain_are_those_of_the_simulation() -> None:
     subject = Subject("me", BODY_MASS_KG, 1.75, "segment", Parameters.from_vector(theta))
     effect = AppliedEffect(CATALOGUE["viscera"], "central_torso", values)
     found = curves(dataclasses.replace(subject, effects=(effect,)), 0.1)
-    _, transmitted = head.responses(theta, "central_torso", np.array(list(values.values())))
+    carried, transmitted = head.responses(theta, "central_torso", np.array(list(values.values())))
     at = np.searchsorted(found.frequency_hz, FREQUENCY_HZ[1:-1])
     np.testing.assert_allclose(found.head[at], transmitted[1:-1], atol=0.1)
+    np.testing.assert_allclose(found.apparent_mass[at], carried[1:-1], atol=0.05)  # the seat carries the viscera too
     without = head.responses(theta, None, np.empty(0))
     np.testing.assert_allclose(without[0], responses(theta)[0], rtol=1e-9)
     np.testing.assert_allclose(without[1], responses(theta)[1], rtol=1e-9)

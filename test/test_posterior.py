@@ -16,10 +16,11 @@ from streams import simulated
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.quantiles import NORMAL_95
-from biodyn_core.base.segments import MEASURED_SEGMENTS
+from biodyn_core.base.segments import MEASURED_SEGMENTS, SEGMENTS
 from biodyn_core.body.origin import origin_of
 from biodyn_core.body.parameters import STIFFENING, UNFITTED, Parameters
 from biodyn_core.body.subject import Subject, load_subject
+from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.fit import Fit, fit_joint
 from biodyn_core.identification.identify import identify
 from biodyn_core.identification.objectives import PriorTerm, RegularizationTerm, TimeDomain
@@ -218,6 +219,23 @@ def test_a_model_with_thixotropy_has_the_parameters_at_rest_as_prior() -> None:
         prior_of(dataclasses.replace(GIVEN, mass_matrix="cascade"), settings)
     with pytest.raises(InputError, match="only the joint result has a prior"):
         prior_of(GIVEN, dataclasses.replace(settings, result="idealized"))
+
+
+def softened(sites: tuple[str, ...], softening: float) -> Subject:
+    values = {**population().softening, "softening": softening}
+    effects = tuple(AppliedEffect(CATALOGUE["thixotropy"], site, values) for site in sites)
+    return dataclasses.replace(GIVEN, effects=effects)
+
+
+def test_a_thixotropy_without_strength_softens_nothing_and_another_one_has_no_prior() -> None:
+    """The parameters at rest belong to the population's own softening: the head's frequency is 1.5 times higher."""
+    settings = dataclasses.replace(QUICK, prior="population")
+    own = population().softening["softening"]
+    assert prior_of(softened(SEGMENTS, 0.0), settings) is population().without_softening
+    assert prior_of(softened(SEGMENTS, own), settings) is population().at_rest
+    for other in (softened(SEGMENTS, 0.1), softened(("pelvis",), own)):
+        with pytest.raises(InputError, match="thixotropy of biodyn subject new, or none, anna has another"):
+            prior_of(other, settings)
 
 
 @pytest.fixture(scope="module")

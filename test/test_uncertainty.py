@@ -236,6 +236,19 @@ def test_profiles_are_closed_for_identifiable_parameters_and_open_for_others() -
     assert stiffening.values[0] == LOWER[13]
 
 
+def test_a_profile_is_that_of_the_recordings_also_where_the_fit_is_not_at_their_minimum() -> None:
+    """A fit that a strong regularization draws away, or whose descent is stopped, has the profile of a settled one."""
+    subject, seat = fitting.drawn(26, "segment"), fitting.seat_motion("pothole", 6.0, 4)
+    case = fitting.ready(seat, answered(subject, seat) + coloured((seat.size, 5), np.random.default_rng(1)))
+    settled = fitted(subject, [case])
+    away = fitting.theta_of(settled.subject) * np.where(np.array(NAMES) == "damping_ratio[neck]", 1.2, 1.0)
+    moved = dataclasses.replace(settled.subject, parameters=Parameters.from_vector(away))
+    name = "natural_frequency_hz[head]"
+    one, other = (profile(dataclasses.replace(settled, subject=of), [case], name) for of in (settled.subject, moved))
+    assert other.rise.min() == 0.0
+    assert (other.lower, other.upper) == (pytest.approx(one.lower, rel=1e-4), pytest.approx(one.upper, rel=1e-4))
+
+
 def test_the_colour_of_the_low_pass_does_not_count() -> None:
     seat, rng = fitting.seat_motion("road", 20.0, 4), np.random.default_rng(7)
     subject = fitting.drawn(27, "segment")

@@ -123,13 +123,18 @@ class Chain:
 
     def with_effects(self, effects: Iterable[AppliedEffect]) -> Chain:
         """The same chain with effects; effects of zero strength are left out."""
-        found = list(active(effects, ChainEffect))
-        carried_kg = self.mass_kg.copy()
-        for applied, effect in found:
-            if applied.site != SEAT:
-                carried_kg[SEGMENTS.index(applied.site)] += effect.carried_kg(applied.values)
-        more = [self._element(applied, effect, carried_kg) for applied, effect in found]
+        given = tuple(effects)
+        carried_kg = self.loaded_mass_kg(given)
+        more = [self._element(applied, effect, carried_kg) for applied, effect in active(given, ChainEffect)]
         return dataclasses.replace(self, elements=(*self.elements, *more)) if more else self
+
+    def loaded_mass_kg(self, effects: Iterable[AppliedEffect]) -> Floats:
+        """The masses of the segments with all that effects hang on them, (6,) kg."""
+        loaded_kg = self.mass_kg.copy()
+        for applied, effect in active(effects, ChainEffect):
+            if applied.site != SEAT:
+                loaded_kg[SEGMENTS.index(applied.site)] += effect.carried_kg(applied.values)
+        return loaded_kg
 
     def _element(self, applied: AppliedEffect, effect: ChainEffect, carried_kg: Floats) -> Element:
         """carried_kg (6,): masses of the segments with all that effects hang on them."""

@@ -64,6 +64,6 @@ class JointForceMeter(Meter[tuple[JointForce, ...]]):
 
 
 def joint_weights(segment_mass_kg: Floats) -> dict[str, float]:
-    """The weight of the body above each joint, N, from the masses of the segments (6,)."""
+    """The weight of the body above each joint, N, from the masses of the segments (6,) with all that hangs on them."""
     carried_kg = np.cumsum(segment_mass_kg[::-1])[::-1]
     return dict(zip(SEGMENTS, (STANDARD_GRAVITY_MPS2 * carried_kg).tolist(), strict=True))

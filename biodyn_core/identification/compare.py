@@ -13,6 +13,7 @@ from biodyn_core.base.segments import SEGMENTS
 from biodyn_core.body.model import Chain
 from biodyn_core.body.parameters import PARAMETERS
 from biodyn_core.body.subject import Subject
+from biodyn_core.effects import AppliedEffect, Effect, active
 from biodyn_core.identification.settings import THRESHOLD_PERCENT
 
 
@@ -47,6 +48,12 @@ class SubjectComparison:
     convergent: tuple[Deviation, ...]
     divergent: tuple[Deviation, ...]
 
+    @property
+    def has_same_effects(self) -> bool:
+        """Whether both have the same effects on the body: beside another effect a parameter has another meaning."""
+        one, other = ({(a.effect.name, a.site): a.values for a in body_effects(of)} for of in (self.a, self.b))
+        return one == other
+
 
 def compare(a: Subject, b: Subject, threshold_percent: float = THRESHOLD_PERCENT) -> SubjectComparison:
     """Classify every quantity by its deviation from a, below the threshold or not (Tables 6 and 7).
@@ -69,6 +76,11 @@ def compare(a: Subject, b: Subject, threshold_percent: float = THRESHOLD_PERCENT
         convergent=tuple(row for row in rows if row.percent < threshold_percent),
         divergent=tuple(row for row in rows if not row.percent < threshold_percent),
     )
+
+
+def body_effects(subject: Subject) -> list[AppliedEffect]:
+    """The effects of a subject on body and seat; those on sensors change no prediction."""
+    return [one for one, effect in active(subject.effects, Effect) if effect.place != "sensor"]
 
 
 def _values(subject: Subject) -> dict[tuple[str, str | None, str], float]:

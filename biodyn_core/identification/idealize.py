@@ -21,8 +21,8 @@ from biodyn_core.body.subject import Subject
 CV_FLAG_PERCENT: Final = 30.0
 """A parameter with more scatter is poorly constrained by the cases (7.2)."""
 
-_PERSON: Final = ("name", "body_mass_kg", "stature_m", "mass_matrix")
-"""Attributes that the cases of one subject share."""
+_PERSON: Final = ("name", "body_mass_kg", "stature_m", "mass_matrix", "effects")
+"""Attributes that the cases of one subject share; beside other effects a parameter has another meaning."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def _check(cases: Sequence[FittedCase]) -> None:
             raise InputError(f"{fitted.case}: the case is given twice; give its representative repetition alone")
         seen.add(fitted.case)
         for key in _PERSON:
-            one, other = getattr(cases[0].subject, key), getattr(fitted.subject, key)
+            one, other = (of.subject.to_dict()[key] for of in (cases[0], fitted))
             if one != other:
                 raise InputError(
                     f"{cases[0].case} and {fitted.case} are of different subjects: {key} is {one!r} and {other!r};"

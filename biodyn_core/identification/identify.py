@@ -89,12 +89,17 @@ class Identification:
         return self.joint.subject if self.settings.result == "joint" else self.idealized.subject
 
     @property
+    def parts(self) -> list[Search | Refined]:
+        """All searches and refinements, each once: of a single case, one serves the fit by itself and the joint fit."""
+        fits = [fit.refined for fit in (*self.fits, self.without_prior, self.other)]
+        found: list[Search | Refined] = [*self.searches, *fits, *(run.refined for run in self.refiners)]
+        return list({id(one): one for one in found}.values())
+
+    @property
     def evaluations(self) -> int:
         """Total of surrogate evaluations and simulations of a case."""
-        fits = [fit.refined.evaluations for fit in (*self.fits, self.joint, self.other)]
-        return sum(search.evaluations for search in self.searches) + sum(
-            fits + [run.refined.evaluations for run in self.refiners]
-        )
+        of_prior = self.joint.refined.evaluations - self.without_prior.refined.evaluations
+        return sum(part.evaluations for part in self.parts) + of_prior
 
     def better_mass_matrix(self, held_out: Sequence[Case] = ()) -> tuple[MassMatrix | None, dict[MassMatrix, float]]:
         """The mass matrix whose joint fit predicts better, None where neither does; and both mean errors.

@@ -23,7 +23,7 @@ from biodyn_core.identification.phase2 import FIRST_STIFFENING, interior, least_
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.population.distribution import SPREAD, Distribution, theta_of
-from biodyn_core.population.population import population
+from biodyn_core.population.population import SOFTENS, population
 
 DEGREES: Final = 4.0
 """Degrees of freedom of Student's t, as Lange, Little and Taylor use where they are not estimated."""
@@ -37,7 +37,7 @@ LONGEST_LAG_S: Final = 1.0
 
 
 def prior_of(subject: Subject, settings: FitSettings) -> Distribution | None:
-    """The prior of a fit, None without one; raises InputError for a subject or a result that has none."""
+    """The prior of a fit, None without one; raises InputError for a subject or a result that cannot have it."""
     if settings.prior == "none":
         return None
     if subject.mass_matrix != "segment":
@@ -47,7 +47,13 @@ def prior_of(subject: Subject, settings: FitSettings) -> Distribution | None:
         )
     if settings.result != "joint":
         raise InputError(f"--prior {settings.prior}: only the joint result has a prior, not {settings.result}")
-    return population().distribution_for(subject.effects)
+    found = population().distribution_for(subject.effects)
+    if found is None:
+        raise InputError(
+            f"--prior {settings.prior}: its parameters are those with the {SOFTENS} of biodyn subject new, or none,"
+            f" {subject.name} has another; remove the effect from the subject's file, or fit without prior"
+        )
+    return found
 
 
 def maximum_a_posteriori(alone: Fit, cases: Sequence[Case], prior: Distribution) -> Fit:

@@ -10,7 +10,7 @@ import numpy as np
 from biodyn_core.base.arrays import Complexes, Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import HEAD, SEGMENTS
-from biodyn_core.body.model import Chain, predict
+from biodyn_core.body.model import Chain, Response, predict
 from biodyn_core.body.subject import Subject
 from biodyn_core.signals.response import cross_spectra
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
@@ -67,7 +67,7 @@ def curves(subject: Subject, magnitude_mps2: float, as_printed: bool = False) ->
     seat_mps2 = magnitude_mps2 * vibration()
     names = {name for one in subject.effects for name in one.effect.required_channels(one.site)}
     response = predict(subject, seat_mps2, RATE_HZ, dict.fromkeys(names, np.zeros_like(seat_mps2)))
-    force_n = Chain.of(subject).seat_force(response, as_printed=as_printed)
+    force_n = _seat_force_n(Chain.of(subject), response, as_printed)
     answers = np.column_stack([force_n, response.accel_mps2[:, SEGMENTS.index(HEAD)]])
     if not np.isfinite(answers).all():
         raise InputError(f"{subject.name}: the model diverges at {magnitude_mps2:g} m/s^2")
@@ -75,6 +75,14 @@ def curves(subject: Subject, magnitude_mps2: float, as_printed: bool = False) ->
     found = cross_spectra([(seat_mps2[begin:], answers[begin:])], RATE_HZ, SPECTRA)
     apparent_mass_kg, head = found.h1.T
     return Curves(magnitude_mps2, found.frequency_hz, apparent_mass_kg / np.abs(apparent_mass_kg[0]), head)
+
+
+def _seat_force_n(chain: Chain, response: Response, as_printed: bool) -> Floats:
+    """The force of the seat on the body over time, (n,), with what effects hang on the segments, without the foam's."""
+    by_inertia_n = chain.seat_force(response, as_printed=as_printed)
+    # The inertia of the segments omits the mass of viscera, and includes what a backrest carries. The joint does not.
+    on_segments = any(element.effect.place == "segment" for element in chain.elements)
+    return response.joint_force_n[:, 0] if on_segments else by_inertia_n
 
 
 def peak_of(frequency_hz: Floats, modulus: Floats) -> tuple[float, float]:

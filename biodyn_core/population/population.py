@@ -27,6 +27,9 @@ from biodyn_core.population.distribution import NAMES, Distribution, theta_of
 FILE: Final = "population.json"
 VERSION: Final = 2
 
+SOFTENS: Final = "thixotropy"
+"""The effect by which the people of the population soften."""
+
 MASS_KG: Final = (40.0, 120.0)
 STATURE_M: Final = (1.4, 2.0)
 """Beyond these a subject is marked as extrapolated."""
@@ -49,12 +52,14 @@ class Population:
     @property
     def effects(self) -> tuple[AppliedEffect, ...]:
         """The effects of everybody in the population."""
-        return tuple(AppliedEffect(CATALOGUE["thixotropy"], segment, self.softening) for segment in SEGMENTS)
+        return tuple(AppliedEffect(CATALOGUE[SOFTENS], segment, self.softening) for segment in SEGMENTS)
 
-    def distribution_for(self, effects: Sequence[AppliedEffect]) -> Distribution:
-        """The distribution of the parameters of a model with these effects."""
-        softens = {one.site for one in effects if one.effect.name == "thixotropy"}
-        return self.at_rest if softens.issuperset(SEGMENTS) else self.without_softening
+    def distribution_for(self, effects: Sequence[AppliedEffect]) -> Distribution | None:
+        """The distribution of the parameters of a model with these effects; None for a thixotropy of another kind."""
+        softens = {one.site: one.values for one in effects if one.effect.name == SOFTENS and not one.absent}
+        if not softens:
+            return self.without_softening
+        return self.at_rest if softens == {one.site: one.values for one in self.effects} else None
 
 
 _DISTRIBUTIONS: Final = ("at_rest", "without_softening")

@@ -175,7 +175,11 @@ class Recorder:
             stamps_ns=block.stamps_ns.copy(),
             seat_mps2=block.low_passed_mps2 - levels[SEAT],
             measured_mps2=measured,
-            warnings=(*self._moved(levels), *self._masked(unsettled, measured, rate_hz)),
+            warnings=(
+                *self._moved(levels),
+                *self._masked(unsettled, measured, rate_hz),
+                *_without_rates(tracks, rate_hz),
+            ),
             channels=channels,
             mean_tilts={name: tilt for name, sensor in self._sensors.items() if (tilt := sensor.mean_tilt) is not None},
             seat_invalid_s=float(np.count_nonzero(np.isnan(tracks[SEAT][0])) / rate_hz),
@@ -241,6 +245,15 @@ class Recorder:
             )
             for number, recording in enumerate(recordings, 1)
         ]
+
+
+def _without_rates(tracks: Mapping[str, Sequence[Floats]], rate_hz: float) -> Iterator[str]:
+    """The time in which a sensor reads its acceleration but no angular rates, one line each."""
+    for name, (vertical, *others) in tracks.items():
+        if len(others) > 2:  # x and y come before the rates
+            lost_s = np.count_nonzero(np.isnan(others[2]) & ~np.isnan(vertical)) / rate_hz
+            if lost_s > REPORTED_S:
+                yield f"{name}: no angular rates in {lost_s:.2f} s, which effects take as zero"
 
 
 def representative(recordings: Sequence[Recording]) -> Recording:

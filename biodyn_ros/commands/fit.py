@@ -82,11 +82,12 @@ def _run(options: argparse.Namespace) -> None:
 def _subject(options: argparse.Namespace) -> None:
     from biodyn_core.body.parameters import UNFITTED
     from biodyn_core.body.subject import load_subject
-    from biodyn_ros.base.files import remove
+    from biodyn_ros.base.files import check_keeps_inputs, remove
     from biodyn_ros.base.resources import subject_file
     from biodyn_ros.fit.document import fit_document
     from biodyn_ros.fit.fitting import check_output, fit_bags, page_beside, write_fitted
     from biodyn_ros.fit.text import text_of
+    from biodyn_ros.reading.events_file import is_events_file
     from biodyn_ros.reading.given import bags_of
     from biodyn_ros.work.executors import executor_of
     from biodyn_ros.work.tasks import Work
@@ -96,8 +97,10 @@ def _subject(options: argparse.Namespace) -> None:
     output = Path(options.output)
     check_output(output)
     check_reports(options)
-    how = how_of(options)
-    subject = load_subject(subject_file(options.subject), UNFITTED)
+    how, given = how_of(options), subject_file(options.subject)
+    events = [Path(text) for text in (*options.bag, *options.hold_out) if is_events_file(text)]
+    check_keeps_inputs(output, [given, *events])
+    subject = load_subject(given, UNFITTED)
     checkpoint = output.with_name(f"{output.stem}.checkpoint.json")
     try:
         with executor_of(options.executor) as executor:

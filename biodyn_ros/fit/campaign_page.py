@@ -71,6 +71,9 @@ def campaign_verdict(report: CampaignReport, fits: Mapping[str, FitSummary]) -> 
         reasons.append(f"On events not fitted to: {_span(known)} %.")
     if unknown := [name for name, fit in fits.items() if fit.held_out_percent is None]:
         reasons.append(f"Prediction error unknown, since nothing was held out: {', '.join(unknown)}.")
+    if len(matrices := _by_matrix(fits)) > 1:
+        listed = "; ".join(f"{matrix}: {', '.join(names)}" for matrix, names in matrices.items())
+        reasons.append(f"Parameters of different models, not to be compared, by mass matrix: {listed}.")
     tones = {name: fit_verdict(fit).tone for name, fit in fits.items()}
     diverging = [name for name, fit in fits.items() if fit.unstable]
     if diverging:
@@ -80,6 +83,14 @@ def campaign_verdict(report: CampaignReport, fits: Mapping[str, FitSummary]) -> 
     all_tones = {"bad" if failed else "warn" if waiting else "good", *tones.values()}
     headline = f"{len(report.named('done'))} of {counted(len(report.rows), 'subject')} fitted"
     return Verdict(next(tone for tone in WORST_FIRST if tone in all_tones), headline, tuple(reasons))
+
+
+def _by_matrix(fits: Mapping[str, FitSummary]) -> dict[str, list[str]]:
+    """The names of the subjects by the mass matrix that they were fitted with."""
+    found: dict[str, list[str]] = {}
+    for name, fit in fits.items():
+        found.setdefault(fit.mass_matrix, []).append(name)
+    return found
 
 
 def _known(values: Iterable[float | None]) -> list[float]:

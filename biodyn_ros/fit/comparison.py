@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from biodyn_core.body.subject import Subject
-from biodyn_core.identification.compare import Deviation, SubjectComparison
+from biodyn_core.identification.compare import Deviation, SubjectComparison, body_effects
 from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.base.wording import table, words
@@ -53,13 +53,34 @@ def text_of(comparison: SubjectComparison) -> str:
         *_section(f"convergent, below {threshold:g} %", comparison.convergent),
         *_section(f"divergent, {threshold:g} % and more", comparison.divergent),
         "",
+        *([] if comparison.has_same_effects else [_effects_note(comparison)]),
         *_NOTES,
     ]
     return "\n".join(lines)
 
 
 def _person(subject: Subject) -> dict[str, Any]:
-    return {"name": subject.name, "body_mass_kg": subject.body_mass_kg, "mass_matrix": subject.mass_matrix}
+    return {
+        "name": subject.name,
+        "body_mass_kg": subject.body_mass_kg,
+        "mass_matrix": subject.mass_matrix,
+        "effects": [applied.to_dict() for applied in body_effects(subject)],
+    }
+
+
+def _effects_note(comparison: SubjectComparison) -> str:
+    """A warning where the parameters are those of different models."""
+    a, b = (_named_effects(subject) for subject in (comparison.a, comparison.b))
+    values = ", with other values" if a == b else ""
+    return f"warning: parameters of different models, because of the effects: A has {a}, B has {b}{values}"
+
+
+def _named_effects(subject: Subject) -> str:
+    """The effects with their sites."""
+    sites: dict[str, list[str]] = {}
+    for applied in body_effects(subject):
+        sites.setdefault(applied.effect.name, []).append(words(applied.site))
+    return " and ".join(f"{name} ({', '.join(at)})" for name, at in sorted(sites.items())) or "none"
 
 
 def _row(deviation: Deviation) -> dict[str, Any]:

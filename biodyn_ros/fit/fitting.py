@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import HEAD
 from biodyn_core.base.suggestions import did_you_mean
 from biodyn_core.body.subject import Subject
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
@@ -170,8 +171,10 @@ def choose(events: Sequence[Prepared]) -> tuple[list[Prepared], list[Prepared]]:
 def _representative(case: str, repetitions: Sequence[Prepared]) -> Prepared:
     if len(repetitions) == 1:
         return repetitions[0]
+    # A head that was measured for too short a time to be fitted must not decide, however strong that moment was.
+    with_head = [each for each in repetitions if HEAD in each[1].fitted] or repetitions
     try:
-        chosen = representative([event.recording for event, _ in repetitions])
+        chosen = representative([event.recording for event, _ in with_head])
     except InputError as error:
         raise InputError(f"{case}: {error}; give one bag of this case, the others with --hold-out") from error
     return next(each for each in repetitions if each[0].recording is chosen)

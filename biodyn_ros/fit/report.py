@@ -117,10 +117,7 @@ class Report:
     @property
     def penalties(self) -> Counter[str]:
         """Objectives that were not finite, by cause."""
-        found = self.identification
-        refined = [fit.refined for fit in (*found.fits, found.without_prior, found.other)]
-        parts: list[Search | Refined] = [*found.searches, *refined, *self.refiners.values()]
-        return sum((part.penalties for part in parts), Counter())
+        return sum((part.penalties for part in self.identification.parts), Counter())
 
 
 def warnings_of(events: Sequence[Prepared]) -> list[str]:

@@ -235,7 +235,7 @@ def _misfits(pipeline: Pipeline) -> Iterator[MisfitTime]:
 
 
 def _joints(forces: Mapping[str, JointForce], subject: Subject, lost: Losses) -> dict[str, JointExposure]:
-    static_n = joint_weights(Chain.of(subject).mass_kg)
+    static_n = joint_weights(Chain.of(subject).loaded_mass_kg(subject.effects))
     return {name: JointExposure(force, lost, static_n[name]) for name, force in forces.items()}
 
 
