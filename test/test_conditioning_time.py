@@ -521,10 +521,10 @@ def one_axis_dead(axis: int, begin: int, end: int, others: float = 1.0) -> np.nd
 
 @pytest.mark.parametrize(
     ("sensor", "axis", "flat", "dead"),
-    [("seat", 0, 0, 4999), ("seat", 2, 4999, 4999), ("head", 0, 0, 0), ("head", 2, 4999, 4999)],
+    [("seat", 0, 0, 4999), ("seat", 2, 4999, 4999), ("head", 0, 0, 4999), ("neck", 0, 0, 0), ("neck", 2, 4999, 4999)],
 )
 def test_an_axis_that_does_not_change_while_another_one_moves_is_dead(sensor, axis, flat, dead):
-    """A dead axis of the vertical makes a flat line; horizontal exposure is that of the seat alone."""
+    """A dead axis of the vertical makes a flat line; of horizontal axes, figures need those of seat and head."""
     conditioner = Conditioner(sensor)
     conditioner.push(stamps(COUNT), one_axis_dead(axis, 5000, 10_000))
     found = conditioner.status()

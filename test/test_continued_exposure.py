@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from streams import RATE_HZ, in_turn, noisy_streams, subject
 
+from biodyn_core.base.digests import digest
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.body.synthesis import ImuStream
-from biodyn_core.exposure.checkpoint import ExposureCheckpoint, digest
+from biodyn_core.exposure.checkpoint import ExposureCheckpoint
 from biodyn_core.pipeline.continued_exposure import ContinuedExposure
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings

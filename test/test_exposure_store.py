@@ -15,10 +15,11 @@ from ros import STARTUP_S, Sensors, child, ros_graph
 from std_msgs.msg import Float64
 from streams import RATE_HZ, in_turn, noisy_streams, run, subject
 
+from biodyn_core.base.digests import digest
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.body.subject import load_subject
-from biodyn_core.exposure.checkpoint import ExposureCheckpoint, digest
+from biodyn_core.exposure.checkpoint import ExposureCheckpoint
 from biodyn_core.exposure.meters import Dose
 from biodyn_core.pipeline.continued_exposure import ContinuedExposure
 from biodyn_core.pipeline.pipeline import Pipeline

@@ -22,6 +22,7 @@ from biodyn_core.body.parameter_spread import parameter_spread
 from biodyn_core.body.parameters import LOWER, PARAMETERS, UPPER
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.body.usual_residual import usual_residuals
+from biodyn_core.effects import CATALOGUE
 from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import FitSettings
@@ -196,6 +197,13 @@ def test_the_text_has_errors_intervals_and_unknowns(fitted: Report) -> None:
     laws, _ = usual_residuals(with_spread(SUBJECT).provenance)
     assert "95 % intervals; the usual residual is from pelvis 100 s" in text_of(
         dataclasses.replace(fitted, usual_residual=laws)
+    )
+    pitching = dataclasses.replace(SUBJECT, effects=(CATALOGUE["pitch"].sized("head", 0.1),))
+    joint = dataclasses.replace(fitted.joint, subject=pitching)
+    assert "no 95 % interval: its effect pitch needs more than the vertical acceleration of the seat" in text_of(
+        dataclasses.replace(
+            fitted, identification=dataclasses.replace(fitted.identification, joint=joint), usual_residual=laws
+        )
     )
 
 

@@ -12,13 +12,17 @@ from expecting import refusal
 from hypothesis import given
 from hypothesis import strategies as st
 from paper import THETAS, printed, shipped
+from provenances import with_spread
 
 from biodyn_core import body
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEGMENTS, STIFFENING_SHAPE_PER_M
 from biodyn_core.body.model import Chain
+from biodyn_core.body.origin import origin_of
+from biodyn_core.body.parameter_spread import parameter_spread
 from biodyn_core.body.parameters import Parameters
 from biodyn_core.body.subject import Subject, load_subject
+from biodyn_core.body.usual_residual import usual_residuals
 from biodyn_ros.base.resources import subject_file
 
 SHIPPED = Path(__file__).parents[1] / "config" / "subjects"
@@ -297,3 +301,51 @@ def test_the_public_names_of_a_body_load_on_first_use() -> None:
     assert isinstance(found, Chain) and body.Subject is Subject
     with pytest.raises(AttributeError, match="has no attribute 'Chains'"):
         body.Chains  # noqa: B018 - the access is the test
+
+
+# --- changed by hand -------------------------------------------------------------------------------------------------
+
+EDITS = {
+    "mass": {"body_mass_kg": 80.0},
+    "mass matrix": {"mass_matrix": "cascade"},
+    "a parameter": {"parameters": GOOD["parameters"] | {"mass_scale": 0.9}},
+    "an effect": {"effects": [{"name": "gain", "site": "head", "parameters": {"gain": 0.1}}]},
+}
+
+
+def fitted_file() -> dict[str, object]:
+    """The mapping of a fitted subject's file, as YAML reads it."""
+    return yaml.safe_load(with_spread(Subject.from_dict(GOOD)).to_yaml())
+
+
+@pytest.mark.parametrize("edit", EDITS.values(), ids=EDITS)
+def test_errors_of_a_fit_do_not_hold_for_a_model_that_was_changed_by_hand(edit: dict[str, object]) -> None:
+    edited = Subject.from_dict(fitted_file() | edit)
+    spread, why_no_spread = parameter_spread(edited.provenance)
+    laws, why_no_laws = usual_residuals(edited.provenance)
+    assert (spread, laws, origin_of(edited)) == (None, {}, "edited")
+    assert "changed by hand" in why_no_spread and why_no_laws == why_no_spread
+
+
+def test_a_subject_that_was_changed_by_hand_stays_so_when_it_is_written_again() -> None:
+    edited = Subject.from_dict(fitted_file() | EDITS["mass"])
+    again = Subject.from_dict(yaml.safe_load(edited.to_yaml()))
+    assert again == edited and origin_of(again) == "edited"
+
+
+def test_name_stature_and_whole_numbers_change_no_model() -> None:
+    same = Subject.from_dict(fitted_file() | {"name": "another", "stature_m": 1.8, "body_mass_kg": 70})
+    assert parameter_spread(same.provenance)[0] is not None and usual_residuals(same.provenance)[0]
+
+
+def test_a_file_without_a_digest_is_read_as_it_is() -> None:
+    content = fitted_file() | EDITS["mass"]
+    del content["provenance"]["model_digest"]  # type: ignore[index]
+    assert parameter_spread(Subject.from_dict(content).provenance)[0] is not None
+
+
+@pytest.mark.parametrize("path", sorted(SHIPPED.glob("*.yaml")), ids=lambda path: path.stem)
+def test_a_bundled_subject_is_the_papers_until_it_is_changed(path: Path) -> None:
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    assert origin_of(Subject.from_dict(content)) == "paper"
+    assert origin_of(Subject.from_dict(content | {"body_mass_kg": 99.0})) == "edited"

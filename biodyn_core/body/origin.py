@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Final, Literal
 
-from biodyn_core.body.subject import Subject
+from biodyn_core.body.subject import EDITED, Subject
 
-Origin = Literal["person", "group", "paper", "unknown"]
-"""Fitted to recordings of this person; of published groups of people; printed in the paper; not stated."""
+Origin = Literal["person", "group", "paper", "edited", "unknown"]
+"""Fitted to recordings of this person; of published groups of people; printed in the paper; one of these and then
+changed by hand; not stated."""
 
 GROUP: Final = "population"
 """The key of the provenance of a subject of the population."""
@@ -18,6 +19,8 @@ PAPER: Final = "Zaman et al."
 def origin_of(subject: Subject) -> Origin:
     """The origin of a subject's parameters."""
     stated = subject.provenance
+    if stated.get(EDITED):
+        return "edited"
     if stated.get("fitted"):
         return "person"
     if GROUP in stated:

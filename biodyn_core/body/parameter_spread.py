@@ -15,7 +15,7 @@ import numpy as np
 from biodyn_core.base.arrays import Floats
 from biodyn_core.body.model import Chain
 from biodyn_core.body.parameters import PARAMETERS
-from biodyn_core.body.subject import Subject
+from biodyn_core.body.subject import EDITED, ERRORS_OF_ANOTHER, Subject
 from biodyn_core.body.synthesis import load_case
 from biodyn_core.body.synthesis_settings import CASES, NATIVE_RATE_HZ
 
@@ -55,6 +55,8 @@ REFERENCE_S: Final = 3.0
 def parameter_spread(provenance: Mapping[str, Any]) -> tuple[ParameterSpread | None, str]:
     """The spread in a subject's provenance, and why there is none, empty if there is."""
     given = provenance.get(PROVENANCE)
+    if given is not None and provenance.get(EDITED):
+        return None, ERRORS_OF_ANOTHER
     if given is None:
         return None, "its file has no covariance of its parameters: fit it with biodyn fit"
     wrong = f"{PROVENANCE} in its file needs names of parameters and ln_theta, a symmetric matrix of their number"

@@ -5,6 +5,7 @@ The file format is schema 1: unknown keys, wrong lengths and values out of range
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,6 +16,7 @@ import numpy as np
 import yaml
 
 from biodyn_core.base.arrays import Floats
+from biodyn_core.base.digests import digest
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.suggestions import known_are
 from biodyn_core.base.yaml_files import mapping_of, read_yaml, text_of
@@ -26,6 +28,15 @@ MassMatrix = Literal["segment", "cascade"]
 MASS_MATRICES: Final[tuple[MassMatrix, MassMatrix]] = ("segment", "cascade")
 BODY_MASS_KG: Final = (30.0, 200.0)
 STATURE_M: Final = (1.2, 2.3)
+
+DIGEST: Final = "model_digest"
+"""The key of a file's provenance by which a change of the model is found."""
+
+EDITED: Final = "edited"
+"""The key of the provenance of a subject whose model was changed by hand: recordings count, errors do not hold."""
+
+ERRORS_OF_ANOTHER: Final = "its file was changed by hand, so its errors are of another model: fit it with biodyn fit"
+"""Why an edited subject has no intervals."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +71,17 @@ class Subject:
             "mass_matrix": self.mass_matrix,
             "parameters": _parameters_dict(self.parameters),
             "effects": [applied.to_dict() for applied in self.effects],
-            "provenance": dict(self.provenance),
+            "provenance": {**self.provenance, DIGEST: self.model_digest} if self.provenance else {},
         }
+
+    @property
+    def model_digest(self) -> str:
+        """A hash of all that decides a prediction: mass, mass matrix, parameters and effects."""
+        effects = [
+            [one.effect.name, one.site, {name: float(value) for name, value in one.values.items()}]
+            for one in self.effects
+        ]
+        return digest([self.mass_matrix, float(self.body_mass_kg), self.parameters.vector().tolist(), effects])
 
     def to_yaml(self) -> str:
         """Return the subject as YAML text."""
@@ -85,7 +105,8 @@ class Subject:
         if schema > SCHEMA:
             raise InputError(f"schema {schema} is newer than the {SCHEMA} this version reads: update biodyn")
         values = mapping_of(top["parameters"], "parameters", _PARAMETER_KEYS)
-        return cls(
+        provenance = {} if top.get("provenance") is None else top["provenance"]
+        found = cls(
             name=text_of(top["name"], "name"),
             body_mass_kg=_number(top["body_mass_kg"], "body_mass_kg"),
             stature_m=_number(top["stature_m"], "stature_m"),
@@ -96,10 +117,17 @@ class Subject:
                 **{key: _number(values[key], f"parameters.{key}") for key in _WHOLE_CHAIN_KEYS},
             ),
             effects=_effects(top.get("effects")),
-            provenance=mapping_of(
-                {} if top.get("provenance") is None else top["provenance"], "provenance", optional=None
-            ),
+            provenance=mapping_of(provenance, "provenance", optional=None),
         )
+        return found._with_checked_provenance()
+
+    def _with_checked_provenance(self) -> Subject:
+        """The same without the digest of its file; `EDITED` if that is of another model."""
+        if DIGEST not in self.provenance:
+            return self
+        kept = {key: value for key, value in self.provenance.items() if key != DIGEST}
+        edited = {} if self.provenance[DIGEST] == self.model_digest else {EDITED: True}
+        return dataclasses.replace(self, provenance=kept | edited)
 
 
 def load_subject(path: str | Path, unfitted: Parameters | None = None) -> Subject:

@@ -17,6 +17,7 @@ from scipy import optimize
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS
+from biodyn_core.body.subject import EDITED, ERRORS_OF_ANOTHER
 from biodyn_core.signals.octaves import BAND_NAMES, N_BANDS
 
 LEAST_WINDOWS: Final = 20
@@ -101,6 +102,8 @@ def to_provenance(laws: Mapping[str, UsualResidual]) -> dict[str, Any]:
 def usual_residuals(provenance: Mapping[str, Any]) -> tuple[dict[str, UsualResidual], str]:
     """The laws by segment of a subject's provenance, and why there are none, empty if there are."""
     given = provenance.get(PROVENANCE)
+    if given is not None and provenance.get(EDITED):
+        return {}, ERRORS_OF_ANOTHER
     if given is None:
         return {}, "its file has no residual of held-out events: fit it with biodyn fit --hold-out"
     if not isinstance(given, Mapping) or not set(given) <= set(MEASURED_SEGMENTS):

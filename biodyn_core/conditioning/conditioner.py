@@ -16,7 +16,7 @@ import numpy as np
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.sampling_rate import MAX_RATE_HZ, MIN_RATE_HZ, RATE_TOLERANCE
-from biodyn_core.base.segments import SEAT, STANDARD_GRAVITY_MPS2
+from biodyn_core.base.segments import HEAD, SEAT, STANDARD_GRAVITY_MPS2
 from biodyn_core.conditioning.conditioned import Block, SensorStatus
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.conditioning.gravity import Gravity, GravitySearch
@@ -293,8 +293,8 @@ class Conditioner:
             self.delay_s = group_delay_s(self._sos, rate_hz)
 
     def _parts_of_axes(self) -> list[float]:
-        """The part of each axis in the figures: horizontal exposure is that of the seat alone."""
-        across = kernel.IN_HORIZONTAL if self.sensor == SEAT else kernel.NO_PART
+        """The part of each axis in the figures: exposure needs the horizontal axes of the seat, HIC of the head."""
+        across = kernel.IN_HORIZONTAL if self.sensor in (SEAT, HEAD) else kernel.NO_PART
         return [kernel.IN_VERTICAL if abs(share) >= LEAST_SHARE else across for share in self._vertical or UP]
 
     def _check_rate(self, rate_hz: float) -> None:

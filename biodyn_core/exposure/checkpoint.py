@@ -7,8 +7,6 @@ missing, so the figures of a continued exposure are lower bounds.
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -90,11 +88,6 @@ class ExposureCheckpoint:
             return cls(identity, sensors, _arrays(top["beside"]), elapsed_s)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"not a stored exposure ({' '.join(str(error).split())})") from None
-
-
-def digest(document: object) -> str:
-    """A short hash of plain data, the same for the same content."""
-    return hashlib.sha256(json.dumps(document, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 
 def _lists(totals: Mapping[str, Floats]) -> dict[str, Any]:

@@ -10,8 +10,8 @@ class Losses(NamedTuple):
 
     absent_s: seconds without any sample; filled_s: interpolated seconds; flat_s: seconds of a reading that never
     changes. Filled and flat seconds are counted like measured ones. dead_s: seconds in which one axis never changes
-    while another one moves. They make the seat's horizontal figures lower bounds; those in which it is an axis of the
-    vertical are flat too.
+    while another one moves. They make the seat's horizontal figures and the head's HIC lower bounds; those in which it
+    is an axis of the vertical are flat too.
     """
 
     clipped: int

@@ -83,6 +83,14 @@ class PredictionSpread:
     both_sides: bool = False
 
 
+def beyond_the_vertical(subject: Subject) -> str:
+    """Which effect needs more than the seat's vertical, which drives the neighbouring chains; empty without one."""
+    for applied in subject.effects:
+        if not (applied.absent or applied.effect.supports_live):
+            return f"its effect {applied.effect.name} needs more than the vertical acceleration of the seat"
+    return ""
+
+
 def prediction_spread(subject: Subject) -> tuple[PredictionSpread | None, str]:
     """The spread of a subject's predictions, and why there is none, empty if there is."""
     parameters, no_parameters = parameter_spread(subject.provenance)

@@ -44,7 +44,7 @@ def seat_tension(subject: Subject, case: Case) -> float:
     stretch, rate = response.displacement_m[:, 0], response.velocity_mps[:, 0]
     stiffness = chain.stiffness_n_per_m[0] * (1.0 + chain.stiffening_per_m[0] * np.abs(stretch))
     tension_n = stiffness * stretch + chain.damping_n_s_per_m[0] * rate
-    return float(tension_n.max() / (STANDARD_GRAVITY_MPS2 * chain.mass_kg.sum()))
+    return float(tension_n.max() / (STANDARD_GRAVITY_MPS2 * chain.loaded_mass_kg(subject.effects).sum()))
 
 
 def contents(cases: Sequence[Case], settings: FloorSettings | None = None) -> Contents:

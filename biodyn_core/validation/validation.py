@@ -21,7 +21,13 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.effects import apply_to_sensors
 from biodyn_core.exposure.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
 from biodyn_core.exposure.meters import Dose, DoseMeter
-from biodyn_core.pipeline.intervals import NO_WINDOW, IntervalEstimator, SegmentSpread, prediction_spread
+from biodyn_core.pipeline.intervals import (
+    NO_WINDOW,
+    IntervalEstimator,
+    SegmentSpread,
+    beyond_the_vertical,
+    prediction_spread,
+)
 from biodyn_core.recording.recording import REPORTED_S, Recording
 from biodyn_core.signals.response import CrossSpectra, Peak, common_rate_hz, cross_spectra, peak
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
@@ -267,9 +273,8 @@ def _spreads(runs: Sequence[PredictedRun], rate_hz: float, subject: Subject) -> 
 
     The neighbouring chains are driven by the seat's vertical alone, as in the live node.
     """
-    for applied in subject.effects:
-        if not (applied.absent or applied.effect.supports_live):
-            return {}, f"its effect {applied.effect.name} needs more than the vertical acceleration of the seat"
+    if needed := beyond_the_vertical(subject):
+        return {}, needed
     spread, no_interval = prediction_spread(subject)
     if spread is None:
         return {}, no_interval

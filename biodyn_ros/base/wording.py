@@ -43,6 +43,7 @@ ORIGIN: Final[dict[Origin, str]] = {
     "person": "fitted to recordings of this person",
     "group": "of published groups of people, without a recording of this person",
     "paper": "printed in the paper, whose recordings are not public",
+    "edited": "changed by hand since its file was written",
     "unknown": "of unknown origin, which its file does not state",
 }
 """Where a subject's parameters are from; continues `parameters`."""

@@ -50,6 +50,7 @@ def _topic(found: SurveyedTopic) -> Document:
         "rejected": status.rejected,
         "rejected_by_cause": found.rejected_by_cause,
         "flat": status.flat,
+        "dead": status.dead,
         "clipped": status.clipped,
         "gravity_mps2": status.gravity_mps2,
         "vertical": list(status.vertical) if status.vertical else None,

@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from biodyn_core.base.arrays import Integers
+from biodyn_core.base.digests import digest
 from biodyn_core.base.errors import InputError
 from biodyn_core.body.subject import Subject
-from biodyn_core.exposure.checkpoint import ExposureCheckpoint, digest
+from biodyn_core.exposure.checkpoint import ExposureCheckpoint
 from biodyn_core.pipeline.continued_exposure import ContinuedExposure
 from biodyn_ros import __version__
 from biodyn_ros.base.files import OWNER_ONLY, exists, make_directory, remove, state_directory, write_text

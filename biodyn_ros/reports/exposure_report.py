@@ -149,8 +149,11 @@ class ExposureReport:
 
     @property
     def is_hic_lower_bound(self) -> bool:
-        """Whether samples of the head are missing or clipped."""
-        return HEAD in self.sensors and self.sensors[HEAD].losses.lower_bound
+        """Whether samples of the head are missing or clipped, or an axis is dead: HIC is of the resultant."""
+        if HEAD not in self.sensors:
+            return False
+        losses = self.sensors[HEAD].losses
+        return losses.lower_bound or losses.dead_s > 0.0
 
 
 def exposure_report(pipeline: Pipeline, bag: str = "", project: bool = False) -> ExposureReport:

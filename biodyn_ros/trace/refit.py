@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from biodyn_core.body.parameters import PARAMETERS, is_fitted
-from biodyn_core.body.subject import Subject
+from biodyn_core.body.subject import EDITED, Subject
 from biodyn_core.identification.problem import Errors
 from biodyn_core.tracing.findings import Trace
 from biodyn_ros.base.wording import counted, number, parameter_name, with_interval
@@ -167,8 +167,8 @@ def refit_of(trace: Trace, sources: Collection[Source]) -> Refit | None:
 
 
 def given_intervals(subject: Subject) -> dict[str, tuple[float, float]]:
-    """The 95 % intervals in a subject's file, by parameter."""
-    found = subject.provenance.get("intervals")
+    """The 95 % intervals in a subject's file, by parameter; none of a model that was changed by hand."""
+    found = None if subject.provenance.get(EDITED) else subject.provenance.get("intervals")
     known = found if isinstance(found, Mapping) else {}
     return {name: (float(ends[0]), float(ends[1])) for name, ends in known.items() if _is_interval(ends)}
 
