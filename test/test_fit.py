@@ -198,7 +198,7 @@ def test_the_text_has_errors_intervals_and_unknowns(fitted: Report) -> None:
     assert "95 % intervals; the usual residual is from pelvis 100 s" in text_of(
         dataclasses.replace(fitted, usual_residual=laws)
     )
-    pitching = dataclasses.replace(SUBJECT, effects=(CATALOGUE["pitch"].sized("head", 0.1),))
+    pitching = dataclasses.replace(SUBJECT, effects=(CATALOGUE["pitch"].sized("seat", 0.15),))
     joint = dataclasses.replace(fitted.joint, subject=pitching)
     assert "no 95 % interval: its effect pitch needs more than the vertical acceleration of the seat" in text_of(
         dataclasses.replace(
