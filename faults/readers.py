@@ -13,10 +13,10 @@ from typing import Final
 
 import numpy as np
 
+from biodyn_core.base.digests import digest
 from biodyn_core.base.segments import SENSORS
 from biodyn_core.body.parameters import LOWER, UPPER
 from biodyn_core.body.subject import load_subject
-from biodyn_core.exposure.checkpoint import digest
 from biodyn_core.exposure.limits import load_limits
 from biodyn_core.identification.phase1 import Search
 from biodyn_core.pipeline.continued_exposure import ContinuedExposure
