@@ -98,8 +98,9 @@ class Score:
     ratio: rms of the effect's change of the base refit's residual over the rms without it. Errors are in percent, of
     the answer's unseen events, infinite for an unstable simulation: floor without the effect; placebo, generic and
     oracle with it. recovered: the energy that the answer removes, as a share of that which the oracle removes, 0 for a
-    wrong class. ceiling, ceiling_likely: the probabilities of the first round, and its 90 % set, as if the catalogue
-    had the true law; empty where they are not needed. why: the error message of a failed refit.
+    wrong class. own_ratio: of a cause named where nothing is hidden, that of the background's own law of this class at
+    this site; None if it has none. ceiling, ceiling_likely: the probabilities of the first round, and its 90 % set, as
+    if the catalogue had the true law; empty where they are not needed. why: the error message of a failed refit.
     """
 
     row: str
@@ -113,6 +114,7 @@ class Score:
     generic_percent: float | None = None
     oracle_percent: float | None = None
     recovered: float | None = None
+    own_ratio: float | None = None
     ceiling: Mapping[str, float] = field(default_factory=dict)
     ceiling_likely: tuple[str, ...] = ()
     why: str = ""

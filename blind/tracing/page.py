@@ -11,7 +11,14 @@ from blind.tracing.marks import Mark, by_class, most_frequent, true_class_result
 from blind.tracing.outcome import Outcome
 from blind.tracing.rows import CONDITIONS, DRAWINGS, MEASURED, Condition
 from blind.tracing.score import PLACEBOS
-from blind.tracing.sections import ceiling_lines, confusion_lines, ratio_lines, reliability_lines, speed_lines
+from blind.tracing.sections import (
+    ceiling_lines,
+    confusion_lines,
+    own_law_lines,
+    ratio_lines,
+    reliability_lines,
+    speed_lines,
+)
 from conformance.table import table
 
 HEAD: Final = """\
@@ -38,6 +45,7 @@ def rendered(outcomes: Sequence[Outcome], found: Sequence[Mark], about: str) -> 
     parts = (
         _marks(found),
         ceiling_lines(outcomes),
+        own_law_lines(outcomes),
         _verdicts(outcomes),
         reliability_lines(outcomes),
         ratio_lines(outcomes),

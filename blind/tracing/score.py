@@ -22,6 +22,7 @@ from biodyn_core.tracing.settings import TraceSettings
 from blind.tracing.answer import TRACE_SEED
 from blind.tracing.ceiling import ceiling
 from blind.tracing.outcome import Answer, Outcome, Score
+from blind.tracing.own_laws import without_law
 from blind.tracing.records import Record, causes, record
 from blind.tracing.refits import FARTHEST_MPS2, oracle, placebo
 from blind.tracing.rows import STRONG, WEAK, Drawing
@@ -43,17 +44,32 @@ RIDGE: Final = 1e-3
 def scored(drawing: Drawing, answer: Answer, one: Sitting) -> Score:
     """The score of one record's answer; without errors, but with the reason, if nothing can be fitted."""
     found = Score(drawing.name, answer.number, causes(one.effects))
-    if drawing.needs == "causes":
-        return found
     try:
-        return _refitted(found, drawing, answer, one)
+        if drawing.effects == 0:
+            return dataclasses.replace(found, own_ratio=own_ratio(drawing, answer, one))
+        return found if drawing.needs == "causes" else _refitted(found, drawing, answer, one)
     except InputError as error:
         return dataclasses.replace(found, why=str(error))
 
 
+def own_ratio(drawing: Drawing, answer: Answer, one: Sitting) -> float | None:
+    """The ratio of the background's own law that an answer names as the cause, None without one; see `own_laws`."""
+    named = answer.effects[0] if answer.verdict == "effect" else None
+    less = without_law(one, named) if named else None
+    if less is None:
+        return None
+    known = [record(each, drawing.coloured, with_effects=False) for each in (one, less)]
+    fits = [_base_fit(each) for each in known]
+    return ratio(fits[0].subject, known[0].cases, fits[1].subject, known[1].cases)
+
+
+def _base_fit(known: Record) -> Fit:
+    return fit_joint(known.train, known.subject, TRACE_SEED, TraceSettings().base)
+
+
 def _refitted(found: Score, drawing: Drawing, answer: Answer, one: Sitting) -> Score:
     hidden, plain = (record(one, drawing.coloured, with_effects) for with_effects in (True, False))
-    fits = [fit_joint(known.train, known.subject, TRACE_SEED, TraceSettings().base) for known in (hidden, plain)]
+    fits = [_base_fit(known) for known in (hidden, plain)]
     subjects = _subjects(answer, hidden.subject)
     found = dataclasses.replace(
         found,

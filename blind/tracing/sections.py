@@ -13,7 +13,17 @@ from blind.tracing.marks import NO_ANSWER, confusion
 from blind.tracing.outcome import LEAST_RATIO, Outcome
 from blind.tracing.pictures import BY_RATIO, RELIABILITY, ratio_picture, reliability_picture
 from blind.tracing.reliability import Confidence, bin_table, calibration_error, error_by_chance
-from blind.tracing.rows import BY_PROBABILITY, CONDITIONS, DRAWINGS, LONG_S, MEDIAN_S, STRONG, SURE, WEAK
+from blind.tracing.rows import (
+    BY_PROBABILITY,
+    CONDITIONS,
+    DRAWINGS,
+    LONG_S,
+    MEDIAN_S,
+    NOTHING_HIDDEN,
+    STRONG,
+    SURE,
+    WEAK,
+)
 from blind.tracing.shares import share_text
 from conformance.table import table
 
@@ -68,6 +78,27 @@ def ceiling_lines(outcomes: Sequence[Outcome]) -> list[str]:
     )
     head = ("condition", "records", "class", "with the true law", "in the 90 % set", "with the true law")
     return ["## Ceiling", "", words, "", *table(head, rows), ""] if rows else []
+
+
+def own_law_lines(outcomes: Sequence[Outcome]) -> list[str]:
+    """Causes that are named where nothing is hidden, with the body's own law of that class; nothing without any."""
+    named = [one for one in outcomes if one.answer.row in NOTHING_HIDDEN and one.single]
+    if not named:
+        return []
+    words = (
+        "The background of a body has laws of its joints and errors of its sensors too. The last column is the ratio"
+        " of its own law of the named class at the named site: both bodies, with and without this law, are refitted."
+        f" Above {STRONG:g} the name is wrong by the marks, but it describes the body. A dash: the background has no"
+        " such law."
+    )
+    rows = []
+    for one in named:
+        first, own = one.answer.effects[0], one.score.own_ratio
+        where = f"{first.name} at {first.site}" if first.site else first.name
+        ratio = "-" if own is None else f"{own:.2f}"
+        rows.append((f"{one.answer.row} {one.answer.number}", where, f"{one.probability:.2f}", ratio))
+    head = ("record", "named", "probability", "ratio of its own law")
+    return ["## Causes named where nothing is hidden", "", words, "", *table(head, rows), ""]
 
 
 def ratio_lines(outcomes: Sequence[Outcome]) -> list[str]:
