@@ -463,6 +463,18 @@ def test_without_an_interval_the_reason_is_shown(tmp_path):
     assert "interval" not in summary(report(predicted={}, joint_forces={}, no_interval="nothing was predicted"))
 
 
+@pytest.mark.parametrize(
+    ("losses", "is_bound"),
+    [(NO_LOSSES, False), (NO_LOSSES._replace(dead_s=2.0), True), (NO_LOSSES._replace(absent_s=0.5), True)],
+    ids=["none", "dead axis", "missing"],
+)
+def test_hic_is_a_lower_bound_if_the_head_lacks_samples_or_an_axis(losses: Losses, is_bound: bool):
+    found = report()
+    sensors = found.sensors | {"head": found.sensors["head"]._replace(losses=losses)}
+    document = exposure_document(replace(found, sensors=sensors))
+    assert (document["hic15"]["lower_bound"], document["hic36"]["lower_bound"]) == (is_bound, is_bound)
+
+
 def test_the_interval_of_a_lower_bound_is_named_as_such(tmp_path):
     missing = NO_LOSSES._replace(absent_s=1.234)
     changed = sure(predicted={name: each._replace(losses=missing) for name, each in report().predicted.items()})
