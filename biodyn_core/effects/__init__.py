@@ -23,7 +23,7 @@ from biodyn_core.effects.effect import (
     StepBounds,
 )
 from biodyn_core.effects.ranges import Ranges, logistic
-from biodyn_core.effects.transforms import active, apply_to_seat, apply_to_sensors, needs_channels
+from biodyn_core.effects.transforms import active, apply_to_seat, apply_to_sensors, beyond_vertical, needs_channels
 
 
 def _catalogue() -> Mapping[str, Effect]:
@@ -56,5 +56,5 @@ for _kind in {type(effect) for effect in CATALOGUE.values()}:
 __all__ = [
     "CATALOGUE", "AppliedEffect", "ChainEffect", "Effect", "EffectParameter", "Experiment", "Joint", "JointForce",
     "JointLimit", "Ranges", "SegmentForce", "SensorTransform", "StepBounds", "active", "apply_to_seat",
-    "apply_to_sensors", "logistic", "needs_channels",
+    "apply_to_sensors", "beyond_vertical", "logistic", "needs_channels",
 ]  # fmt: skip

@@ -44,6 +44,11 @@ def needs_channels(effects: Iterable[AppliedEffect]) -> bool:
     return any(effect.channels for _, effect in active(effects, Effect))
 
 
+def beyond_vertical(effects: Iterable[AppliedEffect]) -> AppliedEffect | None:
+    """The first effect on predictions that needs more than the seat's vertical, sample by sample; None without one."""
+    return next((one for one, effect in active(effects, Effect) if not effect.supports_live), None)
+
+
 def _channels_of(applied: AppliedEffect, channels: Channels) -> dict[str, Floats]:
     """The channels (n,) that an effect needs, by the effect's own names, with 0 for masked samples (NaN).
 

@@ -21,6 +21,7 @@ from biodyn_core.body.parameter_spread import largest_steps, neighbours, paramet
 from biodyn_core.body.subject import Subject
 from biodyn_core.body.usual_residual import UsualResidual, usual_residuals
 from biodyn_core.conditioning.conditioned import Block
+from biodyn_core.effects import beyond_vertical
 from biodyn_core.exposure.figure_spread import (
     ACCEL_FACTORS,
     FORCE_FACTORS,
@@ -83,12 +84,10 @@ class PredictionSpread:
     both_sides: bool = False
 
 
-def beyond_the_vertical(subject: Subject) -> str:
-    """Which effect needs more than the seat's vertical, which drives the neighbouring chains; empty without one."""
-    for applied in subject.effects:
-        if not (applied.absent or applied.effect.supports_live):
-            return f"its effect {applied.effect.name} needs more than the vertical acceleration of the seat"
-    return ""
+def undriven(subject: Subject) -> str:
+    """Why the seat's vertical alone does not drive the neighbouring chains; empty if it does."""
+    found = beyond_vertical(subject.effects)
+    return f"its effect {found.effect.name} needs more than the vertical acceleration of the seat" if found else ""
 
 
 def prediction_spread(subject: Subject) -> tuple[PredictionSpread | None, str]:

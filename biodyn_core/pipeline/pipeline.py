@@ -24,6 +24,7 @@ from biodyn_core.conditioning.conditioner import Conditioner, Mode, SettingsOf, 
 from biodyn_core.conditioning.gravity import Gravity
 from biodyn_core.conditioning.tilt import Vector, first_axis_rad
 from biodyn_core.conditioning.timelines import Timelines
+from biodyn_core.effects import beyond_vertical
 from biodyn_core.exposure.limit_assessment import DataQuality, SeatExposure, seat_exposure
 from biodyn_core.exposure.limits import EU_LIMITS, Limits
 from biodyn_core.exposure.losses import Losses
@@ -238,10 +239,9 @@ def _in_turns(held: list[tuple[str, Block]]) -> list[tuple[str, Block]]:
 
 def _check_effects(subject: Subject) -> None:
     """Raise InputError for an effect on predictions that needs more than the seat's vertical, sample by sample."""
-    for applied in subject.effects:
-        effect, needed = applied.effect, applied.effect.required_channels(applied.site)
-        if not (applied.absent or effect.supports_live):
-            raise InputError(
-                f"{subject.name}: effect {effect.name} needs {', '.join(needed)}, which predictions sample by"
-                " sample do not have: validate with it, or take it out of the subject's file"
-            )
+    if found := beyond_vertical(subject.effects):
+        needed = ", ".join(found.effect.required_channels(found.site))
+        raise InputError(
+            f"{subject.name}: effect {found.effect.name} needs {needed}, which predictions sample by sample do not"
+            " have: validate with it, or take it out of the subject's file"
+        )

@@ -25,8 +25,8 @@ from biodyn_core.pipeline.intervals import (
     NO_WINDOW,
     IntervalEstimator,
     SegmentSpread,
-    beyond_the_vertical,
     prediction_spread,
+    undriven,
 )
 from biodyn_core.recording.recording import REPORTED_S, Recording
 from biodyn_core.signals.response import CrossSpectra, Peak, common_rate_hz, cross_spectra, peak
@@ -273,7 +273,7 @@ def _spreads(runs: Sequence[PredictedRun], rate_hz: float, subject: Subject) -> 
 
     The neighbouring chains are driven by the seat's vertical alone, as in the live node.
     """
-    if needed := beyond_the_vertical(subject):
+    if needed := undriven(subject):
         return {}, needed
     spread, no_interval = prediction_spread(subject)
     if spread is None:

@@ -10,7 +10,7 @@ from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.base.wording import counted
 from biodyn_core.body.usual_residual import LEAST_WINDOWS
 from biodyn_core.identification.residuals import ResidualCheck
-from biodyn_core.pipeline.intervals import beyond_the_vertical
+from biodyn_core.pipeline.intervals import undriven
 from biodyn_core.population.distribution import SPREAD
 from biodyn_ros.base.wording import number, parameter_name, with_interval, words
 from biodyn_ros.fit.report import FitEvent, FitName, Report
@@ -129,7 +129,7 @@ def _interval_line(report: Report) -> str:
     known = {words(name): law.windows for name, law in report.usual_residual.items()}
     if report.result != "joint":
         return "predictions will have no 95 % interval: only the joint result has a covariance"
-    if needed := beyond_the_vertical(report.identification.subject):
+    if needed := undriven(report.identification.subject):
         return f"predictions will have no 95 % interval: {needed}"
     if not known:
         return (
