@@ -21,12 +21,14 @@ from biodyn_core.identification.profiles import profile
 from biodyn_core.identification.residuals import residual_checks
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.identification.uncertainty import (
+    FARTHEST,
     WINDOW_STEPS,
     Uncertainty,
     UncertaintySettings,
     inverse_of,
     jackknifed,
     overlapping_windows,
+    sandwich,
     uncertainty,
 )
 
@@ -137,6 +139,28 @@ def test_the_inverse_covers_observable_and_unobservable_parameters() -> None:
     found = inverse_of(seen)
     np.testing.assert_allclose(found[:2, :2], np.linalg.inv(seen[:2, :2]), rtol=1e-12)
     assert found[2, 2] > 1e200
+
+
+def test_an_unknown_direction_does_not_blur_what_is_known() -> None:
+    """Information with eigenvalues 1e-13 to 2, as a free mass scale gives; variances along the axes are known."""
+    vectors = np.linalg.qr(np.random.default_rng(3).standard_normal((5, 5)))[0]
+    squares, noise = np.array([1e-13, 0.3, 0.7, 1.0, 2.0]) * 1e4, 0.5
+    information = (vectors * squares) @ vectors.T
+    covariance, inverse = sandwich(information, noise * information)
+    known = vectors[:, 1:]
+    np.testing.assert_allclose(known.T @ covariance @ known, np.diag(noise / squares[1:]), rtol=1e-6, atol=1e-11)
+    np.testing.assert_allclose(known.T @ inverse @ known, np.diag(1.0 / squares[1:]), rtol=1e-6, atol=1e-11)
+    assert vectors[:, 0] @ covariance @ vectors[:, 0] == pytest.approx(FARTHEST**2, rel=1e-6)
+    assert np.linalg.eigvalsh(covariance)[0] > 0.0
+
+
+def test_where_everything_is_known_the_sandwich_is_the_product() -> None:
+    rng = np.random.default_rng(4)
+    slopes, scores = rng.standard_normal((2, 40, 6))
+    information, scatter = slopes.T @ slopes, scores.T @ scores
+    covariance, inverse = sandwich(information, scatter)
+    np.testing.assert_allclose(inverse, np.linalg.inv(information), rtol=1e-10)
+    np.testing.assert_allclose(covariance, inverse @ scatter @ inverse, rtol=1e-9)
 
 
 def quiet_road(rms_mps2: float, seed: int = 1) -> np.ndarray:

@@ -36,6 +36,9 @@ LEAK_DELAYS_S: Final = np.linspace(0.0, 0.1, 6)
 WINDOW_STEPS: Final = 10
 """Number of windows that begin within the length of one window."""
 
+FARTHEST: Final = 100.0
+"""A larger standard deviation of ln theta along a principal axis is given as this one: all of Table 1 and far more."""
+
 LOG_RANGE: Final = np.log(UPPER / LOWER)
 """Log range of each parameter in Table 1, (15,)."""
 
@@ -148,15 +151,35 @@ def covariance_of(
     scatter = problem.term.variance * penalty
     scatter += sum((jackknifed(*seen, inverse) for seen in windows), np.zeros((count, count)))
     scatter += sum((np.outer(seen, seen) for seen in lasting.values()), np.zeros((count, count)))
-    return inverse @ scatter @ inverse, inverse
+    return sandwich(information + penalty, scatter)
+
+
+def sandwich(information: Floats, scatter: Floats) -> tuple[Floats, Floats]:
+    """H^-1 B H^-1 of ln theta, (p, p), of H = information and B = scatter, and H^-1 beside it.
+
+    Both are computed along the principal axes of H, and narrowed along an axis of which the recordings say nothing: its
+    variance as computed (3e11 of a free mass scale) is of no use, and its rounding would outweigh the variances of the
+    parameters that are known.
+    """
+    scale, squares, vectors = _axes(information)
+    along = vectors.T @ (scatter / np.outer(scale, scale)) @ vectors / np.outer(squares, squares)
+    axes = vectors / scale[:, np.newaxis]
+    spread = np.linalg.norm(axes, axis=0) * np.sqrt(np.maximum(np.diag(along), 0.0))
+    axes *= FARTHEST / np.maximum(spread, FARTHEST)
+    return axes @ ((along + along.T) / 2.0) @ axes.T, (axes / squares) @ axes.T
 
 
 def inverse_of(information: Floats) -> Floats:
     """Inverse of J'J; a parameter without information gets a very large variance instead of an error."""
+    scale, squares, vectors = _axes(information)
+    return np.asarray((vectors / squares) @ vectors.T / np.outer(scale, scale))
+
+
+def _axes(information: Floats) -> tuple[Floats, Floats, Floats]:
+    """Scale (p,) that makes the diagonal one, then eigenvalues (p,), at least 1e-14, and eigenvectors (p, p)."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-200))
     squares, vectors = np.linalg.eigh(information / np.outer(scale, scale))
-    kept = np.maximum(squares, 1e-14)
-    return np.asarray((vectors / kept) @ vectors.T / np.outer(scale, scale))
+    return scale, np.maximum(squares, 1e-14), vectors
 
 
 def overlapping_windows(slopes: Floats, residual: Floats, length: int) -> tuple[Floats, Floats]:
