@@ -18,7 +18,7 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.quantiles import NORMAL_95
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEGMENTS
 from biodyn_core.body.origin import origin_of
-from biodyn_core.body.parameters import STIFFENING, UNFITTED, Parameters
+from biodyn_core.body.parameters import LOWER, STIFFENING, UNFITTED, UPPER, Parameters
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.fit import Fit, fit_joint
@@ -173,6 +173,19 @@ def test_the_covariance_is_that_of_data_and_prior_together() -> None:
     expected = np.linalg.inv((slopes.T @ slopes + penalty.T @ penalty) / found.prior.variance)
     ratio = np.sqrt(np.diag(found_covariance) / np.diag(expected))
     assert np.all((ratio[SPREAD] > 0.4) & (ratio[SPREAD] < 2.0))
+
+
+@pytest.mark.parametrize("place", [0.5, 0.02, 0.003, 0.0])
+def test_the_variance_of_the_prior_alone_is_that_of_its_residuals(place: float) -> None:
+    """(S' S)^-1 of the slopes S of the residuals, by differences; also so near to a bound that places are linear."""
+    term = PriorTerm(PRIOR, 0.7, 2.0)
+    theta = theta_of(PRIOR.mean)
+    theta[3] = LOWER[3] * (UPPER[3] / LOWER[3]) ** place
+    step = 1e-6
+    moved = [term(theta * np.exp(step * axis)) for axis in np.eye(15)[SPREAD]]
+    slopes = (np.array(moved) - term(theta)).T / step
+    expected = np.diag(np.linalg.inv(slopes.T @ slopes / term.variance))
+    np.testing.assert_allclose(term.variances(theta)[SPREAD], expected, rtol=1e-4)
 
 
 def test_parameters_that_the_data_leave_open_have_the_spread_of_the_prior_and_are_called_so() -> None:

@@ -25,7 +25,7 @@ from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import Clocks, Regularization, SurrogateSettings
 from biodyn_core.kernels.cost import LANES, difference_quotients, integrate_lanes
 from biodyn_core.kernels.surrogate import surrogate_costs
-from biodyn_core.population.distribution import SPREAD, Distribution, places_of
+from biodyn_core.population.distribution import SPREAD, Distribution
 
 N_LINEAR: Final = STIFFENING
 """Number of parameters of phase 1: f_n, zeta and alpha_r; s_nl = 0 and m_scale = 1 are fixed (Eq. 29)."""
@@ -115,7 +115,7 @@ class PriorTerm:
     def variances(self, theta: Floats) -> Floats:
         """Variances (15,) of ln theta at theta (15,) by the prior alone, infinite where it says nothing."""
         found = np.full(N_PARAMETERS, np.inf)
-        found[SPREAD] = np.diag(self.prior.covariance_at(places_of(theta))) / self.scale
+        found[SPREAD] = np.diag(self.prior.covariance_at(theta)) / self.scale
         return found
 
 

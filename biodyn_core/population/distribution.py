@@ -57,20 +57,25 @@ class Distribution:
     @property
     def spread(self) -> ParameterSpread:
         """The covariance of ln theta around the mean, to first order."""
-        return ParameterSpread(NAMES, self.covariance_at(self.mean))
+        return ParameterSpread(NAMES, self.covariance_at(theta_of(self.mean)))
 
-    def covariance_at(self, places: Floats) -> Floats:
-        """The covariance (13, 13) of ln theta to first order, at places (13,)."""
-        inside = 1.0 / (1.0 + np.exp(-places))
+    def covariance_at(self, theta: Floats) -> Floats:
+        """The covariance (13, 13) of ln theta at theta (15,), to first order of `places_of`."""
+        _, inside = _shares(theta)
         slope = np.log(UPPER / LOWER)[SPREAD] * inside * (1.0 - inside)
         return np.asarray(self.covariance * np.outer(slope, slope))
 
 
 def places_of(theta: Floats) -> Floats:
     """The places (..., 13) of theta (..., 15), the inverse of `theta_of`; linear within `AT_BOUND` of a bound."""
-    share = np.log(theta[..., SPREAD] / LOWER[SPREAD]) / np.log(UPPER / LOWER)[SPREAD]
-    inside = np.clip(share, AT_BOUND, 1.0 - AT_BOUND)
+    share, inside = _shares(theta)
     return np.asarray(np.log(inside / (1.0 - inside)) + (share - inside) / (inside * (1.0 - inside)))
+
+
+def _shares(theta: Floats) -> tuple[Floats, Floats]:
+    """Shares (..., 13) of the log range of Table 1 below theta (..., 15), then kept `AT_BOUND` off both ends."""
+    share = np.log(theta[..., SPREAD] / LOWER[SPREAD]) / np.log(UPPER / LOWER)[SPREAD]
+    return share, np.clip(share, AT_BOUND, 1.0 - AT_BOUND)
 
 
 def theta_of(places: Floats) -> Floats:
