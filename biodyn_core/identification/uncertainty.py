@@ -37,7 +37,7 @@ WINDOW_STEPS: Final = 10
 """Number of windows that begin within the length of one window."""
 
 FARTHEST: Final = 100.0
-"""A larger standard deviation of ln theta along a principal axis is given as this one: all of Table 1 and far more."""
+"""Standard deviation of ln theta of a parameter of which the recordings say nothing: all of Table 1 and far more."""
 
 LOG_RANGE: Final = np.log(UPPER / LOWER)
 """Log range of each parameter in Table 1, (15,)."""
@@ -146,40 +146,40 @@ def covariance_of(
             seen = np.einsum("nsp,ns->p", slopes, shape[case.begin :] * np.sqrt(case.weight[case.begin :]))
             lasting[key] = lasting.get(key, np.zeros(count)) + seen
     term = problem.term_slopes(theta, inside)
-    penalty = term.T @ term
-    inverse = inverse_of(information + penalty)
-    scatter = problem.term.variance * penalty
-    scatter += sum((jackknifed(*seen, inverse) for seen in windows), np.zeros((count, count)))
-    scatter += sum((np.outer(seen, seen) for seen in lasting.values()), np.zeros((count, count)))
-    return sandwich(information + penalty, scatter)
+    penalty, nothing = term.T @ term, np.zeros((count, count))
+    weak, of_weak = weak_prior(information, sum((jackknifed(*seen, nothing) for seen in windows), nothing))
+    inverse = inverse_of(information + penalty + weak)
+    scatter = problem.term.variance * penalty + of_weak
+    scatter += sum((jackknifed(*seen, inverse) for seen in windows), nothing)
+    scatter += sum((np.outer(seen, seen) for seen in lasting.values()), nothing)
+    return sandwich(inverse, scatter), inverse
 
 
-def sandwich(information: Floats, scatter: Floats) -> tuple[Floats, Floats]:
-    """H^-1 B H^-1 of ln theta, (p, p), of H = information and B = scatter, and H^-1 beside it.
+def weak_prior(information: Floats, scatter: Floats) -> tuple[Floats, Floats]:
+    """Information and scatter, (p, p), of a prior with the standard deviation `FARTHEST` of each ln theta.
 
-    Both are computed along the principal axes of H, and narrowed along an axis of which the recordings say nothing: its
-    variance as computed (3e11 of a free mass scale) is of no use, and its rounding would outweigh the variances of the
-    parameters that are known.
+    Both change nothing that the recordings say. A parameter of which they say nothing, such as a free mass scale, gets
+    that deviation. Without the prior it has a variance of 1e11 or more, whose rounding falsifies the small variances.
     """
-    scale, squares, vectors = _axes(information)
-    along = vectors.T @ (scatter / np.outer(scale, scale)) @ vectors / np.outer(squares, squares)
-    axes = vectors / scale[:, np.newaxis]
-    spread = np.linalg.norm(axes, axis=0) * np.sqrt(np.maximum(np.diag(along), 0.0))
-    axes *= FARTHEST / np.maximum(spread, FARTHEST)
-    return axes @ ((along + along.T) / 2.0) @ axes.T, (axes / squares) @ axes.T
+    seen = np.diag(information) > 0.0
+    noise = float(np.median(np.diag(scatter)[seen] / np.diag(information)[seen])) if seen.any() else 0.0
+    weak = noise / FARTHEST**2 * np.eye(len(information))
+    return weak, noise * weak
+
+
+def sandwich(inverse: Floats, scatter: Floats) -> Floats:
+    """H^-1 B H^-1, (p, p), of H^-1 = inverse and B = scatter, computed in units of each parameter's deviation."""
+    scale = np.sqrt(np.diag(inverse))
+    unit = inverse / np.outer(scale, scale)
+    return np.asarray(unit @ (scatter * np.outer(scale, scale)) @ unit * np.outer(scale, scale))
 
 
 def inverse_of(information: Floats) -> Floats:
     """Inverse of J'J; a parameter without information gets a very large variance instead of an error."""
-    scale, squares, vectors = _axes(information)
-    return np.asarray((vectors / squares) @ vectors.T / np.outer(scale, scale))
-
-
-def _axes(information: Floats) -> tuple[Floats, Floats, Floats]:
-    """Scale (p,) that makes the diagonal one, then eigenvalues (p,), at least 1e-14, and eigenvectors (p, p)."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-200))
     squares, vectors = np.linalg.eigh(information / np.outer(scale, scale))
-    return scale, np.maximum(squares, 1e-14), vectors
+    kept = np.maximum(squares, 1e-14)
+    return np.asarray((vectors / kept) @ vectors.T / np.outer(scale, scale))
 
 
 def overlapping_windows(slopes: Floats, residual: Floats, length: int) -> tuple[Floats, Floats]:
