@@ -111,7 +111,8 @@ def general_starts(
 ) -> list[Subject]:
     """The subject, and with each combination of the starts of the general parameters of its last effect.
 
-    Strengths then give the change of the answer that the subject's own values give, by least squares.
+    Strengths then give the change of the answer that the subject's own values give, by least squares. A combination
+    whose simulation is unstable is left out.
     """
     if not subject.effects:
         return [subject]
@@ -132,8 +133,10 @@ def general_starts(
         if one == last:
             continue
         other = change(one)
-        factor = float(own @ other) / max(float(other @ other), 1e-30)
-        found.append(dataclasses.replace(subject, effects=(*others, _scaled(one, factor))))
+        with np.errstate(all="ignore"):
+            factor = float(own @ other) / max(float(other @ other), 1e-30)
+        if not np.isnan(factor):  # unstable at every strength, or without the effect
+            found.append(dataclasses.replace(subject, effects=(*others, _scaled(one, factor))))
     return found
 
 
