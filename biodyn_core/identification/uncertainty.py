@@ -36,8 +36,8 @@ LEAK_DELAYS_S: Final = np.linspace(0.0, 0.1, 6)
 WINDOW_STEPS: Final = 10
 """Number of windows that begin within the length of one window."""
 
-FARTHEST: Final = 100.0
-"""Standard deviation of ln theta of a parameter of which the recordings say nothing: all of Table 1 and far more."""
+WEAK_PRIOR_SPREAD: Final = 100.0
+"""Standard deviation of ln theta of a parameter of which the recordings say nothing: far beyond all of Table 1."""
 
 LOG_RANGE: Final = np.log(UPPER / LOWER)
 """Log range of each parameter in Table 1, (15,)."""
@@ -156,14 +156,14 @@ def covariance_of(
 
 
 def weak_prior(information: Floats, scatter: Floats) -> tuple[Floats, Floats]:
-    """Information and scatter, (p, p), of a prior with the standard deviation `FARTHEST` of each ln theta.
+    """Information and scatter, (p, p), of a prior with the standard deviation `WEAK_PRIOR_SPREAD` of each ln theta.
 
     Both change nothing that the recordings say. A parameter of which they say nothing, such as a free mass scale, gets
     that deviation. Without the prior it has a variance of 1e11 or more, whose rounding falsifies the small variances.
     """
     seen = np.diag(information) > 0.0
     noise = float(np.median(np.diag(scatter)[seen] / np.diag(information)[seen])) if seen.any() else 0.0
-    weak = noise / FARTHEST**2 * np.eye(len(information))
+    weak = noise / WEAK_PRIOR_SPREAD**2 * np.eye(len(information))
     return weak, noise * weak
 
 

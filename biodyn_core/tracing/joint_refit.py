@@ -112,7 +112,7 @@ def general_starts(
     """The subject, and with each combination of the starts of the general parameters of its last effect.
 
     Strengths then give the change of the answer that the subject's own values give, by least squares. A combination
-    whose simulation is unstable is left out.
+    is left out if its simulation, or that of the subject's own values, is unstable at every strength.
     """
     if not subject.effects:
         return [subject]
@@ -135,7 +135,7 @@ def general_starts(
         other = change(one)
         with np.errstate(all="ignore"):
             factor = float(own @ other) / max(float(other @ other), 1e-30)
-        if not np.isnan(factor):  # unstable at every strength, or without the effect
+        if np.isfinite(factor):
             found.append(dataclasses.replace(subject, effects=(*others, _scaled(one, factor))))
     return found
 
