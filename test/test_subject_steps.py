@@ -8,6 +8,7 @@ import math
 import os
 import shutil
 import signal
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,7 @@ from biodyn_core.base.parallel import serial_map
 from biodyn_core.body.parameters import UNFITTED
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.identification.phase1 import SwarmSettings
+from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.sessions.settings import SessionSettings
 from biodyn_core.tracing.settings import TraceSettings
@@ -154,6 +156,34 @@ def test_an_interrupted_run_continues(tmp_path: Path, monkeypatch: pytest.Monkey
     assert "3 events in " in text and "1 event that nothing was fitted to" in text
     with empty_drawings():
         assert event["name"] in Page(subject_page(found)).text
+
+
+def test_uses_that_the_trace_has_changed_are_stated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the event for choosing, the trace chooses by the one that was dealt to report."""
+    bag = session_bag(tmp_path / "roads.mcap", cases=("road", "road", "road"))
+    session = dataclasses.replace(OPTIONS.session, allowed=("one-condition",))
+    options = dataclasses.replace(OPTIONS, session=session)
+    found, _ = make(bag, tmp_path, options=options)
+    assert found.used is not None
+    uses = dict(found.used.uses)
+    assert sorted(uses.values()) == ["choose", "fit", "report"] and found.steps["trace"].facts["uses"] == uses
+    assert "as dealt" not in subject_text(found)
+
+    def without_first(
+        train: Sequence[Case], held_out: Sequence[Case], *_: object
+    ) -> tuple[list[Case], list[Case], list[str]]:
+        return list(train), list(held_out)[1:], ["a sensor failed"]
+
+    monkeypatch.setattr("biodyn_core.tracing.data_checks.usable", without_first)
+    (tmp_path / "trace" / "trace.json").unlink()
+    changed, _ = make(bag, tmp_path, options=options)
+    choose, report = (next(event for event, use in uses.items() if use == one) for one in ("choose", "report"))
+    assert changed.steps["trace"].facts["uses"] == {**{e: u for e, u in uses.items() if u == "fit"}, report: "choose"}
+    assert "; 2 events not used as dealt" in subject_text(changed)
+    with empty_drawings():
+        write_page(changed, report=True)
+    text = Page((tmp_path / "index.html").read_text()).text
+    assert "report (in the trace: choose)" in text and "choose (in the trace: not used)" in text and choose in text
 
 
 def test_a_step_that_fails_has_its_reason_and_the_rest_goes_on(bag: Path, tmp_path: Path) -> None:

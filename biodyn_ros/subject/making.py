@@ -21,7 +21,7 @@ from biodyn_ros.reading.events_file import FoundSession, load_events, write_even
 from biodyn_ros.reading.parts import BagPart
 from biodyn_ros.reading.provenance import bag_sha256, sha256_of, source_of
 from biodyn_ros.subject.steps import Step, StepLog, key_of
-from biodyn_ros.subject.uses import UsedEvents, used_events
+from biodyn_ros.subject.uses import UsedEvents, traced_uses, used_events
 from biodyn_ros.trace.tracing import TraceOptions, trace_bags, write_traced
 from biodyn_ros.trace.wording import headline
 from biodyn_ros.validate.validating import ValidateOptions, validate, write_validated
@@ -171,7 +171,12 @@ class _Steps:
             )
             self.log.forget("trace")
             write_traced(traced, directory, o.report, None if traced.trace.adds else subject.to_yaml())
-            return {"verdict": traced.trace.verdict, "headline": headline(traced.trace), "adds": traced.trace.adds}
+            return {
+                "verdict": traced.trace.verdict,
+                "headline": headline(traced.trace),
+                "adds": traced.trace.adds,
+                "uses": traced_uses(traced),
+            }
 
         self._say(self.log.run("trace", key, [directory / "trace.json", directory / RESULT], work))
 

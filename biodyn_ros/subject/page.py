@@ -8,11 +8,13 @@ from urllib.parse import quote
 
 from biodyn_ros import __version__
 from biodyn_ros.base.files import remove
+from biodyn_ros.reading.parts import BagPart
 from biodyn_ros.reports.pages import check_reports, render, write_drawn
 from biodyn_ros.reports.verdict import Verdict
 from biodyn_ros.subject.making import PAGE, RESULT, VALIDATED, MadeSubject
 from biodyn_ros.subject.steps import Step
-from biodyn_ros.subject.wording import FILES, PAGES, TITLES, divergence_of, result_line, sentence_of
+from biodyn_ros.subject.uses import UsedEvents
+from biodyn_ros.subject.wording import FILES, PAGES, TITLES, divergence_of, other_uses, result_line, sentence_of
 
 
 def write_page(made: MadeSubject, report: bool) -> None:
@@ -34,7 +36,7 @@ def subject_page(made: MadeSubject) -> str:
         verdict=verdict_of(made),
         result=RESULT if (made.directory / RESULT).exists() else None,
         validated=_validated(made),
-        used=[(part, made.used.uses[str(part)]) for part in _parts(made)] if made.used else [],
+        used=_used(made, made.used) if made.used else [],
         version=__version__,
     )
 
@@ -77,6 +79,12 @@ def _validated(made: MadeSubject) -> list[dict[str, Any]]:
     return found
 
 
-def _parts(made: MadeSubject) -> list[Any]:
-    assert made.used is not None
-    return sorted((*made.used.fit, *made.used.held_out), key=lambda part: (str(part.path), part.begin_s))
+def _used(made: MadeSubject, used: UsedEvents) -> list[tuple[BagPart, str]]:
+    """The events by time with their uses, and the use in the trace where it is another one."""
+    changed = other_uses(made.steps["trace"].facts, used)
+    parts = sorted((*used.fit, *used.held_out), key=lambda part: (str(part.path), part.begin_s))
+    return [(part, _use(used.uses[str(part)], changed.get(str(part)))) for part in parts]
+
+
+def _use(dealt: str, in_trace: str | None) -> str:
+    return f"{dealt} (in the trace: {in_trace})" if in_trace else dealt

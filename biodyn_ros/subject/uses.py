@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
+from biodyn_core.tracing import findings
 from biodyn_ros.reading.dealing import TO_TRACE, Dealable, Use, deal, turns
 from biodyn_ros.reading.parts import BagPart
+from biodyn_ros.trace.report import Report
+
+_OF_TRACE: Final[Mapping[findings.Use, Use]] = {"train": "fit", "choose": "choose", "held_out": "report"}
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,19 @@ def used_events(parts: Sequence[BagPart], per_case: int, seed: int) -> UsedEvent
         tuple(part for part in ordered if drawn[str(part)][1] != "fit"),
         len(parts) - len(chosen),
     )
+
+
+def traced_uses(traced: Report) -> dict[str, str]:
+    """The use of each event that a trace has used, several if a gap divides it.
+
+    A trace divides the held-out events that it can use, so a use may differ from the dealt one.
+    """
+    by_name = {each.name: _OF_TRACE[each.use] for each in traced.trace.events}
+    found: dict[str, list[Use]] = {}
+    for event, case in traced.events:
+        if case.name in by_name:
+            found.setdefault(event.bag, []).append(by_name[case.name])
+    return {bag: ", ".join(dict.fromkeys(uses)) for bag, uses in found.items()}
 
 
 def _cases(parts: Sequence[BagPart]) -> list[str | None]:
