@@ -50,6 +50,22 @@ def test_a_sitting_has_the_floor_of_data_for_each_use_and_takes_turns() -> None:
     assert max(abs(np.corrcoef(a, b)[0, 1]) for a, b in itertools.pairwise(rails)) < 0.5
 
 
+def test_events_are_drawn_again_until_each_use_has_a_hard_one() -> None:
+    """Potholes have peaks of 1 to 3 g, so an eighth of all draws of three have none of 2 g."""
+    free = sitting.Plan(counts=(0, 3, 0), uses=("fit", "held"), recorded=False)
+    hard = dataclasses.replace(free, hardest_mps2=2.0 * GRAVITY_MPS2)
+    kept = []
+    for seed in range(12):
+        once, planned = (sitting._planned(plan, np.random.default_rng(seed)) for plan in (free, hard))
+        for use in hard.uses:
+            peaks = [np.abs(one.event.accel_mps2[:, 2]).max() for one in planned if one.use == use]
+            # A pothole has next to nothing above 100 Hz.
+            assert len(peaks) == 3 and max(peaks) > 0.99 * hard.hardest_mps2
+        kept.append(np.array_equal(once[0].event.accel_mps2, planned[0].event.accel_mps2))
+        assert kept[-1] == hard.is_met(once)
+    assert 0 < sum(kept) < len(kept)
+
+
 def test_with_and_without_are_the_same_but_for_the_effect() -> None:
     gain, backrest = sittings()
     for one in (gain, backrest):

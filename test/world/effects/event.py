@@ -32,6 +32,9 @@ SWAY_DAMPING: Final = 0.35
 NOD_RAD_PER_MPS2: Final = np.array([0.0, 0.004, 0.007, 0.010, 0.015, 0.030, 0.060])
 """Lean of segments per sideways acceleration."""
 
+PEAK_HZ: Final = 100.0
+"""Below which the peak of an event counts: rails have more above, which no body follows."""
+
 FARTHEST_RAD: Final = np.array([0.5, 0.15, 0.2, 0.25, 0.3, 0.4, 0.6])
 """How far they can lean: the spine and the neck end there."""
 
@@ -65,6 +68,12 @@ class Event:
         begin, count = round(REST_S[0] * RATE_HZ), round(self.motion_s * RATE_HZ)
         whole[begin : begin + count] = seats.edges(count, RATE_HZ)
         return whole
+
+    @property
+    def peak_mps2(self) -> float:
+        """The largest vertical acceleration of the seat below `PEAK_HZ`, either way."""
+        below = signal.sosfiltfilt(signal.butter(4, PEAK_HZ, fs=RATE_HZ, output="sos"), self.accel_mps2[:, 2])
+        return float(np.abs(below).max())
 
     def cut(self, seconds: float) -> Event:
         """The event up to so many seconds of motion."""

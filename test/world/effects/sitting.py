@@ -34,7 +34,8 @@ START_NS: Final = 1_800_000_000_000_000_000
 class Plan:
     """How many events of a case there are for each use, and seconds of motion in one: 30 s of road, 3 and 3 shocks.
 
-    levels: of the first events of each case and use, in multiples of a drawn motion; the others have 1.
+    levels: of the first events of each case and use, in multiples of a drawn motion; the others have 1. hardest_mps2:
+    the least `Event.peak_mps2` of the hardest event of each use; it must be within reach of the cases.
     """
 
     counts: tuple[int, int, int] = (3, 3, 3)
@@ -43,6 +44,12 @@ class Plan:
     recorded: bool = True
     pause_s: tuple[float, float] = (3.0, 20.0)
     levels: tuple[float, ...] = ()
+    hardest_mps2: float = 0.0
+
+    def is_met(self, events: Sequence[Planned]) -> bool:
+        """Whether each use has an event that is hard enough."""
+        hard = {planned.use for planned in events if planned.event.peak_mps2 >= self.hardest_mps2}
+        return hard >= set(self.uses)
 
 
 PLAN: Final = Plan()
@@ -239,6 +246,13 @@ def draft_of(number: int, seed: int, plan: Plan, rng: np.random.Generator) -> Si
 
 
 def _planned(plan: Plan, rng: np.random.Generator) -> tuple[Planned, ...]:
+    """All events, drawn again until one of each use is hard enough."""
+    while not plan.is_met(found := _once_planned(plan, rng)):
+        pass
+    return found
+
+
+def _once_planned(plan: Plan, rng: np.random.Generator) -> tuple[Planned, ...]:
     """All events; uses alternate, so that a change within the sitting affects each use."""
     sway, begin_s, found = rng.uniform(0.8, 1.25), 0.0, []
     numbers = dict.fromkeys([(use, case) for use in plan.uses for case in seats.CASES], 0)
