@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX
 from biodyn_core.body.model import Chain
@@ -15,7 +16,7 @@ from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.fit import Fit, at_bound, fit_cases, fit_joint, search_all
 from biodyn_core.identification.objectives import RegularizationTerm, TimeDomain
 from biodyn_core.identification.phase1 import SwarmSettings
-from biodyn_core.identification.phase2 import exchanged, interior, least_squares, nelder_mead, refine
+from biodyn_core.identification.phase2 import exchanged, interior, least_squares, nelder_mead, refine, trust_region
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import PAPER, FitSettings
 
@@ -93,6 +94,21 @@ def test_both_refiners_find_the_same_optimum() -> None:
     assert lowest == pytest.approx(least, rel=1e-3)
     np.testing.assert_allclose(by_simplex[:6], by_squares[:6], rtol=0.01)
     assert least == pytest.approx(problem.cost(by_squares), rel=1e-9)
+
+
+def test_a_point_where_the_response_is_not_finite_is_left_without_a_warning() -> None:
+    """The first step of arctan(x - 2) from 4 ends at 0, below 1; there slopes are infinite and the map has zeros."""
+    rejected = []
+
+    def linearised(point: Floats) -> tuple[Floats, Floats]:
+        x = point - 2.0
+        if point[0] < 1.0:
+            rejected.append(float(point[0]))
+            return np.full(1, np.inf), np.full((1, 1), np.inf) * np.zeros(1)
+        return np.arctan(x), np.atleast_2d(1.0 / (1.0 + x * x))
+
+    end, objective = trust_region(linearised, np.array([4.0]), 100)
+    assert rejected and end == pytest.approx([2.0], abs=1e-6) and objective < 1e-12
 
 
 @pytest.mark.slow

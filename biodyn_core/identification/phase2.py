@@ -198,7 +198,8 @@ def trust_region(linearised: Linearised, start: Floats, evaluations: int) -> tup
         key = point.tobytes()
         if key not in memory:
             memory.clear()
-            memory[key] = linearised(point)
+            with np.errstate(invalid="ignore"):  # infinite slopes times zero: the solver rejects such a point
+                memory[key] = linearised(point)
         return memory[key]
 
     if not np.isfinite(evaluated(start)[0]).all():
