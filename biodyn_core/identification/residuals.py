@@ -51,8 +51,9 @@ def _check(case: Case, residual: Floats, spectrum: SpectrumSettings | None, cuto
         spectra = cross_spectra([(case.seat_mps2, residual)], case.rate_hz, spectrum)
         known = spectra.segments > 1
         power = np.where(known, spectra.output_psd, 1.0)
-        coherent = np.where(known, (np.where(known, spectra.coherence, 0.0) * power).sum(0) / power.sum(0), np.nan)
-        chance = np.where(known, spectra.chance_coherence, np.nan)
+        weights = power / power.sum(axis=0)
+        coherent = np.where(known, (np.where(known, spectra.coherence, 0.0) * weights).sum(axis=0), np.nan)
+        chance = np.where(known, spectra.chance_of_mean(weights), np.nan)
     except InputError:  # shorter than a window
         coherent = chance = np.full(residual.shape[1], np.nan)
     coloured = np.array([_coloured(column, case.rate_hz, cutoff_hz) for column in residual.T])

@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
+from scipy.stats import gamma
 
 from biodyn_core.base.arrays import Complexes, Flags, Floats, Integers
 from biodyn_core.base.errors import InputError
@@ -26,6 +27,12 @@ Part = tuple[Floats, Floats]
 CHANCE: Final = 0.05
 """Probability that unrelated signals exceed `CrossSpectra.chance_coherence`."""
 
+APART: Final = 2
+"""Lines so far apart are nearly independent with Hann's window."""
+
+NEIGHBOURS: Final = (4.0 / 9.0, 1.0 / 36.0)
+"""Squared correlation of lines one and two apart with Hann's window."""
+
 SAME_RATE: Final = 1e-3
 """Largest relative difference of rates for pooled records: 0.05 Hz at 50 Hz."""
 
@@ -35,7 +42,8 @@ class CrossSpectra:
     """Averaged spectra of one input and m outputs over frequency_hz (f,); NaN for an output without any segment.
 
     input_psd, output_psd (f, m), one-sided, unit squared per Hz; cross (f, m) is S_yx, conj(X) Y; segments (m,):
-    number averaged; averages (m,): equivalent number of independent ones; bandwidth_hz: noise bandwidth of a line.
+    number averaged; averages (m,): equivalent number of independent ones, which is one for a single shock in a record
+    of any length; bandwidth_hz: noise bandwidth of a line.
     """
 
     frequency_hz: Floats
@@ -75,6 +83,24 @@ class CrossSpectra:
     def is_coherent(self, least_coherence: float) -> Flags:
         """Flags (f, m) of a coherence above the required least and above chance."""
         return np.nan_to_num(self.coherence) > np.maximum(self.chance_coherence, least_coherence)
+
+    def is_linear(self, least_coherence: float) -> Flags:
+        """Flags (f, m) of a simulated response, which has no noise: only what is nonlinear lowers its coherence."""
+        return (np.nan_to_num(self.coherence) > least_coherence) & (self.segments > 1)
+
+    def chance_of_mean(self, weights: Floats) -> Floats:
+        """The same as chance_coherence of the mean over the lines by weights (f, m), whose sum is one.
+
+        By a gamma distribution; coherences of unrelated signals have beta distributions, and neighbouring lines are
+        related by the window (`NEIGHBOURS`).
+        """
+        n = np.maximum(self.averages, 1.0)
+        mean, variance = 1.0 / n, (n - 1.0) / (n**2 * (n + 1.0))
+        related = (weights**2).sum(axis=0)
+        for apart, shared in enumerate(NEIGHBOURS, start=1):
+            related = related + 2.0 * shared * (weights[apart:] * weights[:-apart]).sum(axis=0)
+        spread = np.maximum(variance * related, 1e-12)
+        return np.asarray(np.minimum(gamma.ppf(1.0 - CHANCE, mean**2 / spread, scale=spread / mean), 1.0))
 
     @property
     def relative_error(self) -> Floats:
@@ -121,6 +147,7 @@ class SpectraMeter:
             )
         self._frequency_hz = frequency[self._at]
         self._sums = np.zeros((3, self._at.size, outputs), dtype=np.complex128)
+        self._both = np.zeros((max(self._at.size - APART, 0), outputs))
         self._segments = np.zeros(outputs, dtype=np.int64)
         self.part()
 
@@ -144,6 +171,7 @@ class SpectraMeter:
                     inputs[start] = self._lines(0, start)
                 x, y = inputs[start], self._lines(m + 1, start)
                 self._sums[:, :, m] += x.conj() * x, y.conj() * y, x.conj() * y
+                self._both[:, m] += _crossed(np.abs(x) ** 2, np.abs(y) ** 2)
         done = min(*self._next, self._rows.shape[0]) if self._next else self._rows.shape[0]
         self._rows, self._next = self._rows[done:].copy(), [at - done for at in self._next]
 
@@ -163,9 +191,29 @@ class SpectraMeter:
             output_psd=np.ascontiguousarray(mean[1].real),
             cross=mean[2],
             segments=segments,
-            averages=np.array([_independent(int(n), window, self._step) for n in segments]),
+            averages=self._averages(),
             bandwidth_hz=float(self.rate_hz * (window**2).sum() / window.sum() ** 2),
         )
+
+    def _averages(self) -> Floats:
+        """The equivalent number of independent segments (m,), of a seat and outputs as uneven over time as these.
+
+        A concentration c is n sum(e s) / (sum(e) sum(s)) of the powers e and s of input and output by segment: 1 if
+        even, and n if one of n segments has all. Unrelated signals then have a mean coherence of c / n.
+        """
+        segments = self._segments.tolist()
+        independent = np.array([_independent(n, self._window, self._step) for n in segments])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            by_line = self._segments * self._both / _crossed(self._sums[0].real, self._sums[1].real)
+        known = np.isfinite(by_line)
+        concentration = np.where(known, by_line, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+        uneven = np.maximum(concentration - 1.0, 0.0) * _of_one_instant(self._window, self._step)
+        return np.maximum(independent / (1.0 + uneven), np.minimum(independent, 1.0))
+
+
+def _crossed(e: Floats, s: Floats) -> Floats:
+    """Products of powers (f, ...) at lines that are `APART`, because those of one line are related by its phase."""
+    return 0.5 * (e[:-APART] * s[APART:] + e[APART:] * s[:-APART])
 
 
 def _starts(usable: Flags, begin: int, size: int, step: int) -> tuple[list[int], int]:
@@ -196,6 +244,14 @@ def _independent(segments: int, window: Floats, step: int) -> float:
         common = window[: window.size - j * step] @ window[j * step :] / (window @ window)
         shared += 2.0 * (1.0 - j / segments) * float(common) ** 2
     return segments / (1.0 + shared)
+
+
+def _of_one_instant(window: Floats, step: int) -> float:
+    """The most averages that one instant seems to give, because overlapping segments share it."""
+    powers = [window[first::step] ** 2 for first in range(step)]
+    most = max(float(w.sum() ** 2 / (w @ w)) for w in powers if w.any())
+    shared = _independent(1000, window, step) / 1000.0
+    return most * shared
 
 
 class Peak(NamedTuple):

@@ -22,7 +22,8 @@ from biodyn_core.signals.spectrum_settings import SpectrumSettings
 class DrivingPoint:
     """Complex apparent_mass_kg (f,) over frequency_hz (f,), and its coherence (f,).
 
-    Where the seat hardly moves, the coherence is low and the apparent mass invalid, always below chance_coherence.
+    Where the seat hardly moves, the coherence is low and the apparent mass invalid. chance_coherence: 1 for a single
+    segment, whose coherence is always one, and else 0, because a computed force has no noise.
     body_mass_kg is the whole person's (Eq. 20), upper_body_mass_kg the model's, by which the paper's printed 1.686 and
     2.709 are normalised. form and as_printed: of the force, as in `Chain.seat_force`.
     """
@@ -88,7 +89,7 @@ def driving_point(
         frequency_hz=found.frequency_hz,
         apparent_mass_kg=found.h1[:, 0],
         coherence=found.coherence[:, 0],
-        chance_coherence=float(found.chance_coherence[0]),
+        chance_coherence=float(found.segments[0] == 1),
         body_mass_kg=subject.body_mass_kg,
         upper_body_mass_kg=float(chain.mass_kg.sum()),
     )

@@ -17,6 +17,10 @@ LEAST_COMPARED_S: Final = CaseSettings().least_compared_s
 """A segment compared for less time is undecided; a fit excludes it too."""
 
 
+FEW_AVERAGES: Final = 2.0
+"""With fewer, only a coherence above 0.95 exceeds chance."""
+
+
 class Finding(NamedTuple):
     """A finding: status is disagrees or undecided, what the criterion, segment None if it concerns all."""
 
@@ -44,7 +48,7 @@ def findings(found: Validation, role: Role | None, limits: ValidationSettings) -
             yield Finding("disagrees", "nrmse", name, text)
     for name in SEGMENTS:
         measured, read = found.exposures.measured[name], found.exposures.as_read[name]
-        if measured.seconds and read.seconds and measured.vdv_mps175 > 0.0:
+        if min(measured.seconds, read.seconds) >= LEAST_COMPARED_S and measured.vdv_mps175 > 0.0:
             ratio = read.vdv_mps175 / measured.vdv_mps175
             if not 1.0 / limits.dose_ratio <= ratio <= limits.dose_ratio:
                 is_own = read.vdv_mps175 == found.exposures.predicted[name].vdv_mps175
@@ -59,6 +63,8 @@ def head_findings(head: HeadPeaks, averages: float, limits: ValidationSettings) 
     ratio, predicted, measured = head.ratio, head.predicted, head.measured
     if ratio is None or ratio.magnitude is None or predicted is None or measured is None:
         text = f"{what}: the measured coherence ({averages:.1f} independent averages) is too low at all frequencies"
+        if averages < FEW_AVERAGES:
+            text = f"{what}: {averages:.1f} independent averages are too few: record more shocks, or a road"
         yield Finding("undecided", "stht", HEAD, text)
         return
     # Two standard errors, as a factor; the prediction has none.
@@ -74,7 +80,11 @@ def head_findings(head: HeadPeaks, averages: float, limits: ValidationSettings) 
     if not 1.0 / limits.frequency_ratio <= ratio.frequency <= limits.frequency_ratio:
         at_hz, measured_hz = number(predicted.frequency_hz), number(measured.frequency_hz)
         text = f"{what}: its peaks differ in frequency, predicted at {at_hz} Hz, measured at {measured_hz} Hz"
-        yield Finding("disagrees", "stht_frequency", HEAD, text + _allowed(limits.frequency_ratio))
+        if ratio.is_distinct:
+            yield Finding("disagrees", "stht_frequency", HEAD, text + _allowed(limits.frequency_ratio))
+        else:
+            text += ", but within its errors the measurement is as high at the predicted one"
+            yield Finding("undecided", "stht_frequency", HEAD, text)
     hidden = head.predicted_anywhere
     if hidden and hidden.magnitude > limits.stht_ratio * predicted.magnitude:
         text = (
