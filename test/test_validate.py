@@ -15,11 +15,14 @@ from streams import independent_streams, subject
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEGMENTS
+from biodyn_core.body import usual_residual
 from biodyn_core.body.model import Chain
 from biodyn_core.body.subject import load_subject
 from biodyn_core.body.synthesis import SensorSettings, load_case
+from biodyn_core.body.usual_residual import UsualResidual
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.recording.recording import WARM_UP_S, Recorder, Recording
+from biodyn_core.signals.octaves import N_BANDS
 from biodyn_core.signals.response import Peak, SpectrumSettings, cross_spectra
 from biodyn_core.validation.validation import HeadPeaks, PeakRatio
 from biodyn_ros.base.resources import subject_file
@@ -248,7 +251,7 @@ def test_another_person_disagrees():
 )
 def test_a_peak_disagrees_only_beyond_its_standard_error(ratio, error, statuses):
     peak = Peak(frequency_hz=4.0, magnitude=1.0)
-    head = HeadPeaks(0.5, 1.0, peak, peak, peak, peak, PeakRatio(ratio, error, frequency=1.0, coherence=0.9))
+    head = HeadPeaks(0.5, 1.0, peak, peak, peak, peak, PeakRatio(ratio, error, 1.0, coherence=0.9, is_distinct=True))
     found = list(head_findings(head, 20.0, ValidationSettings()))
     assert {finding.status for finding in found} == statuses
     assert verdict(found) == next(iter(statuses), "agrees")
@@ -257,6 +260,33 @@ def test_a_peak_disagrees_only_beyond_its_standard_error(ratio, error, statuses)
 def test_peaks_at_different_frequencies_disagree():
     document = document_of(event(), who="subject_1_as_printed")
     assert ("disagrees", "stht_frequency", "head") in kinds(document)
+
+
+@pytest.mark.parametrize(("is_distinct", "status"), [(True, "disagrees"), (False, "undecided")])
+def test_peaks_at_different_frequencies_disagree_only_beyond_their_errors(is_distinct, status):
+    low, high = Peak(4.0, 1.0), Peak(8.0, 1.0)
+    head = HeadPeaks(0.5, 1.0, low, high, high, high, PeakRatio(1.0, 0.05, 2.0, 0.9, is_distinct))
+    (found,) = head_findings(head, 20.0, ValidationSettings())
+    assert (found.status, found.what) == (status, "stht_frequency")
+
+
+def test_another_motion_within_one_shock_is_not_called_coherent():
+    """The head nods by itself, 15 % of its motion, while the seat has its only shock: no peak is known from that."""
+    whole = event(14.0)
+    burst = np.exp(-0.5 * ((np.arange(14000) - 8000) / 150.0) ** 2)
+    seat = whole.seat_mps2 * (5.0 * burst + 0.01)
+    moved = Chain.of(subject()).simulate(seat, RATE_HZ).accel_mps2[:, MEASURED_SEGMENT_INDEX]
+    for seed in range(5):
+        nod = event(14.0, 100 + seed, slow=0.3, fast=0.3).seat_mps2 * burst
+        nod *= 0.15 * moved[:, HEAD].std() / nod.std()
+        measured = moved.copy()
+        measured[:, HEAD] += nod
+        document = document_of(dataclasses.replace(whole, seat_mps2=seat, measured_mps2=measured))
+        assert document["spectra"]["averages"]["head"] < 1.5
+        found = {(status, what) for status, what, _ in kinds(document)}
+        assert found == {("undecided", "stht")} and document["verdict"] == "undecided"
+        predicted = document["driving_point"]["predicted"]["peak"]
+        assert predicted is not None and predicted["frequency_hz"] < 12.0  # no noise is in a prediction
 
 
 # --- the figures -----------------------------------------------------------------------------------------------------
@@ -409,6 +439,47 @@ def test_the_warm_up_only_settles_the_filters():
         assert spoilt[part] == good[part]
 
 
+def test_a_shock_in_the_warm_up_is_in_no_figure():
+    """A running rms cannot exceed the largest value, and no window of HIC reaches back."""
+
+    def strike(measured: np.ndarray) -> None:
+        measured[BEHIND - 600 : BEHIND - 540, HEAD] += 60.0
+
+    good, struck = (document_of(one)["exposure"] for one in (event(), with_measured(event(), strike)))
+    head = struck["segments"]["head"]["measured"]
+    for key in ("mtvv_linear_mps2", "mtvv_exponential_mps2"):
+        assert head[key] < 0.8 * head["peak_mps2"], key
+    # The weighting itself rings on a little.
+    assert head["mtvv_linear_mps2"] == pytest.approx(good["segments"]["head"]["measured"]["mtvv_linear_mps2"], rel=0.3)
+    assert struck["hic15"]["measured"]["vertical"] == good["hic15"]["measured"]["vertical"]
+
+
+def test_the_interval_of_a_masked_segment_is_that_of_its_counted_part():
+    """Slow motion, of which the model misses 2 %, and then fast motion, of which it misses 40 %."""
+    law = UsualResidual((0.02,) * N_BANDS, (0.02, 0.02, 0.02, 0.4, 0.4, 0.4), 100)
+    known = usual_residual.to_provenance(dict.fromkeys(MEASURED_SEGMENTS, law))
+    who = dataclasses.replace(with_spread(subject()), provenance=with_spread(subject()).provenance | known)
+    late = np.arange(20000) >= 11000
+    seat = np.where(late, event(slow=0.01, fast=3.0).seat_mps2, event(slow=1.0, fast=0.01).seat_mps2)
+    moved = Chain.of(subject()).simulate(seat, RATE_HZ).accel_mps2[:, MEASURED_SEGMENT_INDEX]
+    whole = dataclasses.replace(event(), seat_mps2=seat, measured_mps2=moved)
+
+    def factor(recording: Recording, segment: str) -> float:
+        predicted = validation_document(validate_recordings([recording], who))["exposure"]["segments"][segment]
+        lower, upper = predicted["predicted"]["vdv_interval_mps175"]
+        return math.log(upper / lower)
+
+    def lose(measured: np.ndarray) -> None:
+        measured[11000:, NECK] = np.nan
+
+    early = dataclasses.replace(
+        whole, seat_mps2=seat[:11000], measured_mps2=moved[:11000], stamps_ns=whole.stamps_ns[:11000]
+    )
+    masked = with_measured(whole, lose)
+    assert factor(masked, "neck") == pytest.approx(factor(early, "neck"), rel=1e-3)
+    assert factor(masked, "pelvis") == factor(whole, "pelvis") > 1.3 * factor(early, "pelvis")
+
+
 def test_masked_samples_are_excluded_on_both_sides():
     def mask(measured: np.ndarray) -> None:
         measured[8000:9000, HEAD] = np.nan
@@ -451,6 +522,12 @@ def test_a_segment_with_few_compared_samples_is_undecided():
 
     document = document_of(with_measured(event(), lose))
     assert ("undecided", "too_short", "neck") in kinds(document) and document["verdict"] == "undecided"
+
+    def weaken(measured: np.ndarray) -> None:
+        lose(measured)
+        measured[:, NECK] *= 0.6
+
+    assert document_of(with_measured(event(), weaken))["verdict"] == "undecided"
 
 
 def test_the_bandwidth_of_injury_criteria_is_that_of_the_low_pass():

@@ -155,6 +155,11 @@ class HicMeter(Meter[Hic]):
         self._seen[:] = 0
         self._windows[:] = 0.0
 
+    def settled(self) -> None:
+        """As `Meter.settled`: no window reaches back."""
+        super().settled()
+        self._filled[:, 0] = 0
+
     def totals(self) -> Floats:
         """The totals, with begin and end of the windows and the seconds passed, (3, 4)."""
         passed = np.full((3, 1), float(self._seen[0]))

@@ -184,6 +184,10 @@ class Meter(ABC, Generic[Figures]):
         """Set everything "since reset" to zero."""
         self._tally.reset()
 
+    def settled(self) -> None:
+        """Set everything to zero that contains earlier samples, running averages too, except the states of filters."""
+        self.reset()
+
     def totals(self) -> Floats:
         """The totals since reset, for `resume` of a meter of another run."""
         return self._tally.totals()
@@ -222,6 +226,14 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
         samples = self._tally.skip(seconds)
         self._filled[0] = (self._filled[0] + samples) % (self._squares.shape[1] - 1)
         self._weighting.restart()
+        self._clear_averages()
+
+    def settled(self) -> None:
+        """As `Meter.settled`: the running averages are zero."""
+        super().settled()
+        self._clear_averages()
+
+    def _clear_averages(self) -> None:
         for average in (self._running, self._squares, self._partial):
             average[:] = 0.0
 

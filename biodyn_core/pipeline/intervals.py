@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.segments import N_SEGMENTS, SEGMENTS
 from biodyn_core.body.model import Chain, Stepper
 from biodyn_core.body.origin import origin_of
@@ -32,7 +32,7 @@ from biodyn_core.exposure.figure_spread import (
 )
 from biodyn_core.exposure.meters import Meter
 from biodyn_core.exposure.sensor_meters import Batch
-from biodyn_core.pipeline.windows import SecondWindows, Window
+from biodyn_core.pipeline.windows import LEAST_COVERED, SecondWindows, Window
 from biodyn_core.signals.octaves import N_BANDS, octave_squares
 
 NEIGHBOURS: Final = 4
@@ -140,14 +140,21 @@ class IntervalEstimator:
         self._epoch_ns = block.epoch_ns
         self._advance(self._batch.add(np.column_stack([since_ns, block.low_passed_mps2, accel_mps2])))
 
-    def push_run(self, stamps_ns: Integers, seat_mps2: Floats, accel_mps2: Floats, begin: int) -> None:
-        """Add a whole run of the seat with its predictions (n, 6), of which the samples before `begin` do not count."""
+    def push_run(
+        self, stamps_ns: Integers, seat_mps2: Floats, accel_mps2: Floats, begin: int, counted: Flags | None = None
+    ) -> None:
+        """Add a whole run of the seat with its predictions (n, 6), of which the samples before `begin` do not count.
+
+        counted (n, 6): flags of samples that the figures contain, all without it. A segment's spread is that of the
+        windows with nearly all of its samples (`LEAST_COVERED`).
+        """
+        flags = np.ones(accel_mps2.shape, dtype=bool) if counted is None else counted
         self._begin_run(0.0)
         self._with_neighbours(seat_mps2[:begin], accel_mps2[:begin])
         since_ns = stamps_ns - stamps_ns[begin]
         for at in range(begin, len(seat_mps2), PIECE):
             part = slice(at, at + PIECE)
-            self._count_windows(since_ns[part], seat_mps2[part], accel_mps2[part])
+            self._count_windows(since_ns[part], seat_mps2[part], accel_mps2[part], flags[part])
         for window in self._windows.end():
             self._count(window)
 
@@ -180,11 +187,13 @@ class IntervalEstimator:
         if rows is None:
             return
         stamps_ns, seat_mps2 = rows[:, 0].astype(np.int64) + self._epoch_ns, np.ascontiguousarray(rows[:, 1])
-        self._count_windows(stamps_ns, seat_mps2, rows[:, 2:])
+        accel_mps2 = rows[:, 2:]
+        self._count_windows(stamps_ns, seat_mps2, accel_mps2, np.ones(accel_mps2.shape, dtype=bool))
 
-    def _count_windows(self, stamps_ns: Integers, seat_mps2: Floats, accel_mps2: Floats) -> None:
-        """Add samples with their predictions (n, 6), and count the windows that they complete."""
-        for window in self._windows.push(stamps_ns, self._with_neighbours(seat_mps2, accel_mps2), self._rate_hz):
+    def _count_windows(self, stamps_ns: Integers, seat_mps2: Floats, accel_mps2: Floats, counted: Flags) -> None:
+        """Add samples with their predictions and flags (n, 6), and count the windows that they complete."""
+        rows = np.concatenate([self._with_neighbours(seat_mps2, accel_mps2), counted], axis=1)
+        for window in self._windows.push(stamps_ns, rows, self._rate_hz):
             self._count(window)
 
     def _with_neighbours(self, seat_mps2: Floats, accel_mps2: Floats) -> Floats:
@@ -192,7 +201,8 @@ class IntervalEstimator:
         return np.concatenate([accel_mps2, *(stepper.push(seat_mps2) for stepper in self._steppers)], axis=1)
 
     def _count(self, window: Window) -> None:
-        accel = window.rows.reshape(len(window.rows), -1, N_SEGMENTS)
+        rows, counted = window.rows[:, :-N_SEGMENTS], window.rows[:, -N_SEGMENTS:].mean(axis=0) >= LEAST_COVERED
+        accel = rows.reshape(len(rows), -1, N_SEGMENTS)
         finite = np.asarray(np.isfinite(accel).all(axis=(0, 2)))
         for stepper, is_finite in zip(self._steppers, finite[1:], strict=True):
             if not is_finite:
@@ -200,7 +210,7 @@ class IntervalEstimator:
         if not finite.all():
             return
         nominal, share, mass_kg = accel[:, 0], self._spread.share, self._spread.mass_kg
-        weighted = octave_squares(window.rows, window.rate_hz, "Wk").reshape(N_BANDS, -1, N_SEGMENTS)
+        weighted = octave_squares(rows, window.rate_hz, "Wk").reshape(N_BANDS, -1, N_SEGMENTS) * counted
         errors = share**2 * octave_squares(nominal, window.rate_hz)
         forces = carried(accel * mass_kg)
         squares = np.concatenate([weighted.sum(axis=0), np.mean(forces**2, axis=0)], axis=1)

@@ -95,12 +95,16 @@ class SegmentError:
 
 
 class PeakRatio(NamedTuple):
-    """The predicted peak over the measured one, its relative standard error, and the measured coherence there."""
+    """The predicted peak over the measured one, its relative standard error, and the measured coherence there.
+
+    is_distinct: whether the measurement is lower where the predicted peak is, by two standard errors of each.
+    """
 
     magnitude: float | None
     relative_error: float
     frequency: float
     coherence: float
+    is_distinct: bool
 
 
 @dataclass(frozen=True)
@@ -269,7 +273,7 @@ def _exposures(runs: Sequence[PredictedRun], rate_hz: float, subject: Subject) -
 
 
 def _spreads(runs: Sequence[PredictedRun], rate_hz: float, subject: Subject) -> tuple[dict[str, SegmentSpread], str]:
-    """Spreads of the predicted figures by segment, masked samples included, and why there are none.
+    """Spreads of the predicted figures by segment, of the seconds that are not masked, and why there are none.
 
     The neighbouring chains are driven by the seat's vertical alone, as in the live node.
     """
@@ -280,7 +284,9 @@ def _spreads(runs: Sequence[PredictedRun], rate_hz: float, subject: Subject) -> 
         return {}, no_interval
     estimator = IntervalEstimator(spread, rate_hz, _WINDOW_S)
     for run in runs:
-        estimator.push_run(run.recording.stamps_ns, run.seat_mps2, run.response.accel_mps2, run.begin)
+        counted = np.ones(run.response.accel_mps2.shape, dtype=bool)
+        counted[:, MEASURED_SEGMENT_INDEX] = np.isfinite(run.recording.measured_mps2)
+        estimator.push_run(run.recording.stamps_ns, run.seat_mps2, run.response.accel_mps2, run.begin, counted)
     found = estimator.spreads(rolling=False)
     return found, "" if found else NO_WINDOW
 
@@ -318,7 +324,7 @@ def _count(runs: Sequence[PredictedRun], meter: Any, rows: Callable[[PredictedRu
         values = np.ascontiguousarray(rows(run))
         if number == 0:
             meter.push(values[: run.begin])
-            meter.reset()
+            meter.settled()
         else:
             before, now = runs[number - 1].recording.stamps_ns[-1], run.recording.stamps_ns[run.begin]
             # Samples that follow each other have no break between them, but one period.
@@ -332,8 +338,8 @@ def _count(runs: Sequence[PredictedRun], meter: Any, rows: Callable[[PredictedRu
 def _head_peaks(measured: CrossSpectra, predicted: CrossSpectra, subject: Subject, least_coherence: float) -> HeadPeaks:
     frequency = measured.frequency_hz
     linear = peak(frequency, np.abs(Chain.of(subject).transmissibility(frequency)[:, _HEAD]))
-    coherent, model_coherent = (spectra.is_coherent(least_coherence)[:, _HEAD] for spectra in (measured, predicted))
-    anywhere = peak(frequency, np.abs(predicted.h1[:, _HEAD]), model_coherent)
+    coherent = measured.is_coherent(least_coherence)[:, _HEAD]
+    anywhere = peak(frequency, np.abs(predicted.h1[:, _HEAD]), predicted.is_linear(least_coherence)[:, _HEAD])
     own, model = (peak(frequency, np.abs(spectra.h1[:, _HEAD]), coherent) for spectra in (measured, predicted))
     return HeadPeaks(
         least_coherence=max(least_coherence, float(measured.chance_coherence[_HEAD])),
@@ -347,12 +353,14 @@ def _head_peaks(measured: CrossSpectra, predicted: CrossSpectra, subject: Subjec
 
 
 def _peak_ratio(own: Peak, model: Peak, measured: CrossSpectra) -> PeakRatio:
-    at = int(np.searchsorted(measured.frequency_hz, own.frequency_hz))
+    at, there = (int(np.searchsorted(measured.frequency_hz, one.frequency_hz)) for one in (own, model))
+    height, error = np.abs(measured.h1[:, _HEAD]), measured.relative_error[:, _HEAD]
     return PeakRatio(
         magnitude=_ratio(model.magnitude, own.magnitude),
-        relative_error=float(measured.relative_error[at, _HEAD]),
+        relative_error=float(error[at]),
         frequency=model.frequency_hz / own.frequency_hz,
         coherence=float(measured.coherence[at, _HEAD]),
+        is_distinct=bool(height[there] * (1.0 + 2.0 * error[there]) < height[at] * (1.0 - 2.0 * error[at])),
     )
 
 
