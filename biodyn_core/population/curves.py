@@ -25,7 +25,7 @@ WARM_UP_S: Final = 20.0
 
 SPECTRA: Final = SpectrumSettings(segment_s=8.0, lowest_hz=0.5, highest_hz=20.0)
 
-RESONANCE_HZ: Final = (2.0, 12.0)
+RESONANCE_HZ: Final = (1.0, 12.0)
 """The band in which the resonance is searched."""
 
 
