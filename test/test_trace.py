@@ -1,9 +1,11 @@
 """A whole trace: from events of another integrator to a verdict and the errors of held-out events."""
 
 import dataclasses
+import json
 import sys
 from functools import cache
 from types import SimpleNamespace
+from typing import Any
 from unittest import mock
 
 import hiding
@@ -11,6 +13,7 @@ import numpy as np
 import pytest
 from hiding import applied
 
+from biodyn_core.base.parallel import serial_map
 from biodyn_core.body.parameters import UNFITTED, Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE
@@ -602,6 +605,24 @@ def test_a_stored_theta_is_used_for_its_events_and_seed(monkeypatch) -> None:
         for train, seed in ((cases, 1), (cases, 1), (cases, 2), (cases[:2], 1))
     ]
     assert fits == [1, 2, 1] and len(stored) == 3
+    json.dumps(stored)
     for one in refitted:
         np.testing.assert_array_equal(one.parameters.vector(), theta)
     assert refitted[1].provenance == {}
+
+
+def test_the_refit_includes_the_effects_that_the_subject_has() -> None:
+    """Quadratic damping of 4 s/m, given as 1: else an added effect would be credited with its correction."""
+    cases = list(hiding.events(6, law=hiding.orifice)[:3])
+    given = dataclasses.replace(
+        hiding.TRUTH, effects=(hiding.applied("quadratic_damping", "pelvis", growth_s_per_m=1.0),)
+    )
+    stored: dict[str, Any] = {}
+    found = trace_module.refitted(cases, given, TraceSettings(), 1, stored, serial_map)
+    assert found.effects[0].values["growth_s_per_m"] == pytest.approx(4.0, rel=0.05)
+    np.testing.assert_allclose(
+        found.parameters.natural_frequency_hz, hiding.TRUTH.parameters.natural_frequency_hz, rtol=0.05
+    )
+    again = trace_module.refitted(cases, given, TraceSettings(), 1, json.loads(json.dumps(stored)), serial_map)
+    assert again.effects == found.effects
+    np.testing.assert_array_equal(again.parameters.vector(), found.parameters.vector())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -74,14 +74,27 @@ def refitted(
     train: Sequence[Case], subject: Subject, s: TraceSettings, seed: int, checkpoint: Checkpoint | None,
     parallel: ParallelMap,
 ) -> Subject:  # fmt: skip
-    """The subject with one theta fitted to all events."""
-    key = f"theta {fingerprint(train, subject, seed, s.base)}"
+    """The subject with one theta fitted to all events, and its effects too, which are refitted beside an added one.
+
+    Otherwise the added effect would be credited with the change of the others.
+    """
+    key = f"refit {fingerprint(train, subject, seed, s.base)}"
     if checkpoint is not None and key in checkpoint:
-        return dataclasses.replace(subject, parameters=Parameters.from_vector(np.array(checkpoint[key])), provenance={})
+        return _with_values(subject, **checkpoint[key])
     found = fit_joint(train, subject, seed, s.base, parallel).subject
+    if found.effects:
+        found = jointly_refitted(found, train, s.joint_refit)
     if checkpoint is not None:
-        checkpoint[key] = found.parameters.vector().tolist()
+        values = [dict(one.values) for one in found.effects]
+        checkpoint[key] = {"theta": found.parameters.vector().tolist(), "effects": values}
     return found
+
+
+def _with_values(subject: Subject, theta: Sequence[float], effects: Sequence[Mapping[str, float]]) -> Subject:
+    """The subject with stored values, without its provenance."""
+    changed = (dataclasses.replace(one, values=values) for one, values in zip(subject.effects, effects, strict=True))
+    parameters = Parameters.from_vector(np.array(theta))
+    return dataclasses.replace(subject, parameters=parameters, effects=tuple(changed), provenance={})
 
 
 def _rounds(

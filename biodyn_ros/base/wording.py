@@ -164,9 +164,10 @@ def words(name: str) -> str:
 
 
 def parameter_name(name: str) -> str:
-    """`natural_frequency_hz[head]` is "natural frequency, head"."""
+    """`natural_frequency_hz[head]` is "natural frequency, head", and `stop gap_m[head]` "stop gap m, head"."""
     group, _, segment = name.partition("[")
-    return f"{_GROUPS[group]}, {words(segment.rstrip(']'))}" if segment else _GROUPS[group]
+    what = _GROUPS.get(group) or words(group)
+    return f"{what}, {words(segment.rstrip(']'))}" if segment else what
 
 
 def compared_without(effects: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from biodyn_core.body.parameters import PARAMETERS, is_fitted
@@ -136,14 +136,25 @@ class Refit:
 
 
 def parameter_changes(trace: Trace) -> tuple[ParameterChange, ...]:
-    """Every parameter as given, refitted, and of the subject in the end."""
+    """Every parameter as given, refitted, and of the subject in the end, also of the effects of the given subject."""
     subjects = (trace.given, trace.before, trace.after)
     known, intervals = is_fitted(trace.given.parameters), given_intervals(trace.given)
     columns = zip(PARAMETERS, *(subject.parameters.vector().tolist() for subject in subjects), strict=True)
     return tuple(
         ParameterChange(of.name, of.unit, given if known else None, intervals.get(of.name), refitted, after)
         for of, given, refitted, after in columns
-    )
+    ) + tuple(_effect_changes(trace))
+
+
+def _effect_changes(trace: Trace) -> Iterator[ParameterChange]:
+    """The parameters of the effects that the given subject has; added effects come after them."""
+    count = len(trace.given.effects)
+    subjects = (trace.given.effects, trace.before.effects[:count], trace.after.effects[:count])
+    for given, refitted, after in zip(*subjects, strict=True):
+        for of in given.effect.parameters:
+            name = f"{given.effect.name} {of.name}[{given.site}]"
+            old, new, last = (one.values[of.name] for one in (given, refitted, after))
+            yield ParameterChange(name, of.unit, old, None, new, last)
 
 
 def refit_of(trace: Trace, sources: Collection[Source]) -> Refit | None:
