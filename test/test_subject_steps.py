@@ -113,6 +113,15 @@ def test_the_page_tells_every_step_with_links_that_exist(made: MadeSubject) -> N
     assert not (made.directory / "index.html").exists()
 
 
+def test_the_page_has_no_link_to_the_files_of_a_step_that_failed(made: MadeSubject) -> None:
+    """They are those of an earlier run, of other data."""
+    failed = dataclasses.replace(made.steps["trace"], state="failed", reason="rail_3: the simulation is unstable")
+    with empty_drawings():
+        page = subject_page(dataclasses.replace(made, steps={**made.steps, "trace": failed}))
+    assert (made.directory / "trace" / "trace.html").exists() and "rail_3" in page
+    assert "trace/trace" not in page and "fitted.fit.html" in page
+
+
 def test_steps_are_used_again_while_they_fit(made: MadeSubject, bag: Path) -> None:
     directory = made.directory.with_name("again")  # from where the bag has the same relative path
     shutil.copytree(made.directory, directory)

@@ -10,6 +10,7 @@ import types
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from listed import assert_listed
 from provenances import with_spread
@@ -17,8 +18,10 @@ from streams import simulated
 from traces import EVENTS, SUBJECT, found
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.body.usual_residual import PROVENANCE, UsualResidual, usual_residuals
+from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.findings import (
     Trace,
@@ -148,6 +151,33 @@ def test_a_traced_subject_has_the_usual_residual_of_the_reported_events(
     monkeypatch.setattr("biodyn_ros.trace.document.usual_residual", of_events)
     assert usual_residuals(traced_subject(traced).provenance) == (laws, "")
     assert seen == [(traced.trace.after.effects, ["rail"])]
+
+
+def test_the_usual_residual_is_without_sensors_that_the_trace_leaves_out(
+    bags: dict[str, Path], calls: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The head fails in every event; its residual is no error of the model."""
+    head = MEASURED_SEGMENTS.index("head")
+
+    def without_head(case: Case, *_: object) -> tuple[Case, list[str]]:
+        others = np.arange(len(MEASURED_SEGMENTS)) != head
+        return dataclasses.replace(case, compared=case.compared & others, energy=case.energy * others), ["head failed"]
+
+    seen: list[Case] = []
+    monkeypatch.setattr("biodyn_ros.trace.tracing.without_failed_sensors", without_head)
+    monkeypatch.setattr("biodyn_ros.trace.document.usual_residual", lambda _, cases: seen.extend(cases) or {})
+    traced_subject(trace_bags(list(bags.values()), SUBJECT))
+    (case,) = seen
+    assert not case.compared[:, head].any() and case.compared[:, 0].any()
+
+
+def test_the_provenance_has_only_effects_that_the_subject_has(bags: dict[str, Path], calls: dict[str, Any]) -> None:
+    traced = trace_bags(list(bags.values()), SUBJECT)
+    (intervals,) = traced.trace.intervals
+    line = AppliedEffect(CATALOGUE["periodic"], "head", {p.name: p.size for p in CATALOGUE["periodic"].parameters})
+    beside = dataclasses.replace(traced.trace, effects=(line, *traced.trace.effects), intervals=((), intervals))
+    written = traced_subject(dataclasses.replace(traced, trace=beside))
+    assert set(written.provenance["effects"]) == {"stop at pelvis"}
 
 
 @pytest.mark.parametrize("verdict", ["none", "unexplained", "not_decidable"])

@@ -8,7 +8,21 @@ import re
 
 import numpy as np
 import pytest
-from traces import EVENTS, NAN, PROBABILITIES, STOP, SUBJECT, VERDICTS, a_round, applied, drawn, found, nothing, page_of
+from traces import (
+    EVENTS,
+    FRICTION,
+    NAN,
+    PROBABILITIES,
+    STOP,
+    SUBJECT,
+    VERDICTS,
+    a_round,
+    applied,
+    drawn,
+    found,
+    nothing,
+    page_of,
+)
 
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.tracing.findings import (
@@ -59,7 +73,7 @@ def test_each_verdict_has_its_own_sentences() -> None:
         "An effect is missing, one of these: stop or friction or quadratic damping in the joint between seat and"
         " pelvis."
     )
-    assert by_verdict["none"] == "No missing effect found. Held-out error 20.0 %."
+    assert by_verdict["none"] == "No missing effect found. Held-out error 20.0 % with refitted parameters."
     assert by_verdict["unexplained"] == (
         "The most probable answer is an effect outside the catalogue. Held-out error 3.50 %."
     )
@@ -124,11 +138,36 @@ def test_ambiguous_states_whether_nothing_may_be_missing() -> None:
     assert headline(narrow) == "An effect is missing, most probably stop in the joint between seat and pelvis."
 
 
+def test_changes_of_the_effects_that_the_subject_had_are_listed() -> None:
+    """Friction of 30 N in the file, 10 N after the refit, 9 N beside the added stop."""
+    given, before, after = (
+        dataclasses.replace(FRICTION, values={**FRICTION.values, "friction_n": value}) for value in (30.0, 10.0, 9.0)
+    )
+    subjects = {
+        "given": dataclasses.replace(SUBJECT, effects=(given,)),
+        "before": dataclasses.replace(SUBJECT, effects=(before,)),
+        "after": dataclasses.replace(SUBJECT, effects=(after, STOP)),
+    }
+    report = Report(found(**subjects))
+    change = trace_document(report)["parameters_moved"]["friction friction_n[pelvis]"]
+    assert (change["given"], change["refitted"], change["with_effect"], change["unit"]) == (30.0, 10.0, 9.0, "N")
+    assert "friction friction n, pelvis 30.0 to 10.0 (-66.7 %)" in " ".join(text_of(report).split())
+    assert "friction friction n, pelvis" in page_of(report.trace)[1].text
+
+
+def test_the_terminal_has_every_reason() -> None:
+    """The last ones say why nothing was added."""
+    reasons = tuple(f"reason number {number}" for number in range(7))
+    text = text_of(Report(found(reasons=reasons)))
+    shown = [line for line in text.splitlines() if line.startswith("because: ")]
+    assert shown == [f"because: {each}" for each in reasons]
+
+
 def test_a_mechanism_without_a_fitted_candidate_has_its_name() -> None:
     bare = dataclasses.replace(a_round(), chosen=None)
     named = {"rounds": (bare,), "effects": (), "intervals": (), "after": SUBJECT, "ambiguous_with": ()}
     assert headline(found(**named)) == (
-        "Found: nonlinear stiffness. Nothing is added to the subject. Held-out error 20.0 %."
+        "Found: nonlinear stiffness. Nothing is added to the subject. Held-out error 20.0 % with refitted parameters."
     )
     assert headline(found("ambiguous", **named)) == "An effect is missing, most probably nonlinear stiffness."
     assert "nonlinear stiffness is 0.90. " in reliability(found(**named))
@@ -235,7 +274,9 @@ def test_an_unsteady_effect_is_found_and_not_added() -> None:
     alone = found(effects=(line,), intervals=((),), after=SUBJECT)
     document = trace_document(Report(alone))
     assert [effect["added"] for effect in document["effects"]] == [False]
-    assert headline(alone) == ("Found: periodic on the head. Nothing is added to the subject. Held-out error 20.0 %.")
+    assert headline(alone) == (
+        "Found: periodic on the head. Nothing is added to the subject. Held-out error 20.0 % with refitted parameters."
+    )
     assert "found, not added: periodic on the head" in " ".join(text_of(Report(alone)).split())
     _, page = page_of(alone)
     assert "Effects found but not added" in page.text and "Added effects" not in page.text
@@ -266,20 +307,18 @@ def test_sensor_findings_are_independent_of_the_verdict() -> None:
     assert not late["within_limit"] and late["gain"] == 0.2
     tilted = (
         "the sensor on the head has a mean tilt of 1.80 deg in motion, by its gyro, which the recording corrects;"
-        " within the limit of 4.01 deg; it does not explain the residual"
+        " within the limit of 4.01 deg; it is not the named cause"
     )
     is_late = (
-        "the sensor on the neck has a clock offset of 0.600 ms, by the fit; beyond the limit of 0.500 ms; it does not"
-        " explain the residual (gain 0.200)"
+        "the sensor on the neck may have a clock offset of 0.600 ms, by the fit; beyond the limit of 0.500 ms; it is"
+        " not the named cause (gain 0.200)"
     )
     terminal, page = " ".join(text_of(Report(quiet)).split()), page_of(quiet)[1].text
     for line in (tilted, is_late):
         assert f"sensor: {line}" in terminal and line[1:] in page
     assert "do not depend on the verdict" in page and "do not depend on the verdict" not in drawn("none")[1].text
     (loud,) = sensor_lines(found(sensors=(LOUD,)))
-    assert (
-        "a gain error of 1.00 %" in loud and "within the limit of 1.52 %" in loud and "it explains the residual" in loud
-    )
+    assert "a gain error of 1.00 %" in loud and "within the limit of 1.52 %" in loud and "it is the named cause" in loud
 
 
 def test_an_unsteady_candidate_has_no_p_value() -> None:

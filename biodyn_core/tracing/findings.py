@@ -137,7 +137,8 @@ class Surface:
     """The missing force of a joint, N, over stretch (m) and its rate (m/s).
 
     force_n (r, s): rows by rate_mps (r,), columns by stretch_m (s,), NaN outside the data. gain: as a candidate's;
-    without a gain no law of this joint is missing, but memory, measurement or input.
+    a gain shows that a law of this joint is missing. Without one the cause may be memory, measurement, input, or a law
+    of the rate, for which the surface is too coarse.
     """
 
     site: str

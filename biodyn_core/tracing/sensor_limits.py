@@ -1,6 +1,6 @@
 """Limits of sensors: the errors that the data sheet of a good IMU allows, with the source of each.
 
-An error within its limit is a finding about the sensor. It is the cause only if it explains the residual.
+An error within its limit is a finding about the sensor. It is the cause only if the verdict names it.
 """
 
 from __future__ import annotations

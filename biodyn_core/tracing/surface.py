@@ -1,7 +1,8 @@
 """Surface: the missing force of a joint over its stretch and rate, as hat functions inside the chain.
 
-It tests whether any law of this joint is missing if no effect of the catalogue is accepted. If a surface gains nothing
-either, the cause is memory, measurement or input.
+If it gains where no effect of the catalogue is accepted, a law of this joint is missing. Without a gain the cause may
+be memory, measurement or input, or a law of the rate: between the three knots of rate a law is a straight line, which
+theta has absorbed.
 """
 
 from __future__ import annotations

@@ -57,7 +57,9 @@ def _against(step: Step) -> str:
 
 def _step(step: Step, made: MadeSubject) -> dict[str, Any]:
     def existing(path: str | None) -> str | None:
-        return quote(path) if path and (made.directory / path).exists() else None
+        # A step that failed leaves the files of an earlier run, which are of other data.
+        there = path and step.state == "done" and (made.directory / path).exists()
+        return quote(path) if path and there else None
 
     return {
         "title": TITLES[step.name],

@@ -129,6 +129,7 @@ def provenance(report: Report) -> Document:
                 each.name: [finite(each.lower), finite(each.upper)] for each in intervals
             }
             for applied, intervals in zip(trace.effects, trace.intervals, strict=True)
+            if applied in trace.added
         },
         **to_provenance(usual_residual(trace.after, reported)),
     }

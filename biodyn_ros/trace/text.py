@@ -42,7 +42,7 @@ def text_of(report: Report) -> str:
     lines = [
         headline(trace),
         reliability(trace),
-        *(f"because: {reason}" for reason in trace.reasons[:_LISTED]),
+        *(f"because: {reason}" for reason in trace.reasons),
         "",
         *(_answer_lines(trace.rounds[0]) if trace.rounds else ()),
         "error, % of measured rms " + "".join(f"{words(name):>12}" for name in MEASURED_SEGMENTS) + f"{'all':>9}",

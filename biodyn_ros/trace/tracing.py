@@ -19,7 +19,7 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import CaseSettings
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
-from biodyn_core.tracing.data_checks import split_held_out, usable
+from biodyn_core.tracing.data_checks import split_held_out, usable, without_failed_sensors
 from biodyn_core.tracing.settings import TraceSettings
 from biodyn_ros.base.files import make_directory, remove, write_text
 from biodyn_ros.base.json_files import write_json
@@ -92,7 +92,7 @@ def trace_bags(
     sources = [event.source for event, case in prepared if use_of(event, case, found) == "train"]
     return Report(
         trace=found,
-        events=tuple(prepared),
+        events=tuple((event, without_failed_sensors(case, o.settings.floor)[0]) for event, case in prepared),
         refit=refit_of(found, sources),
         dealt=how_dealt,
         warnings=(*events.left_out, *warnings_of(prepared), *_seen_before(subject, prepared)),

@@ -54,7 +54,7 @@ def headline(trace: Trace) -> str:
         beside = f" Also found: {_all(others)}." if others else ""
         return f"{_one_of(trace)}.{beside}"
     if trace.verdict == "none":
-        return f"No missing effect found. Held-out error {before}."
+        return f"No missing effect found. Held-out error {before} with refitted parameters."
     if trace.verdict == "unexplained":
         return f"The most probable answer is {in_words(OUTSIDE)}. Held-out error {after}."
     if not trace.needs:
@@ -66,7 +66,7 @@ def _found(trace: Trace, before: str, after: str) -> str:
     others = _all(trace.not_added)
     if not trace.added:
         what = others or _best_in_words(trace)
-        return f"Found: {what}. Nothing is added to the subject. Held-out error {before}."
+        return f"Found: {what}. Nothing is added to the subject. Held-out error {before} with refitted parameters."
     main = f"Missing in the model: {_all(trace.added)}. With it, the held-out error goes from {before} to {after}."
     return f"{main} Also found, but not added: {others}." if others else main
 
@@ -196,8 +196,8 @@ def diagnostic_lines(found: Diagnostics | None) -> list[str]:
 
 _FAULT_TEXT: Final = {
     "tilt": "has a mean tilt of {size} in motion",
-    "gain": "has a gain error of {size}",
-    "clock": "has a clock offset of {size}",
+    "gain": "may have a gain error of {size}",
+    "clock": "may have a clock offset of {size}",
 }
 _SHOWN: Final = {"tilt": (180.0 / math.pi, "deg"), "gain": (100.0, "%"), "clock": (1e3, "ms")}
 """By effect: the factor from the unit of its limit, and the unit that is shown."""
@@ -210,8 +210,8 @@ def _sensor_line(found: SensorFinding) -> str:
     source = "by its gyro, which the recording corrects" if found.source == "gyro" else "by the fit"
     allowed = f"{'within' if within_limits(found.fault) else 'beyond'} the limit of {number(scale * abs(limit))} {unit}"
     gain = "" if found.gain is None else f" (gain {number(known(found.gain))})"
-    explains = f"it {'explains' if found.explains else 'does not explain'} the residual{gain}"
-    return f"the sensor on the {words(found.fault.site)} {what}, {source}; {allowed}; {explains}"
+    cause = f"it is {'the' if found.explains else 'not the'} named cause{gain}"
+    return f"the sensor on the {words(found.fault.site)} {what}, {source}; {allowed}; {cause}"
 
 
 def _without_unit(parameter: EffectParameter) -> str:
