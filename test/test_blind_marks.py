@@ -112,9 +112,9 @@ def test_outcomes_of_a_true_class(
     answer = dataclasses.replace(plain.answer, probabilities=probabilities, likely=likely)
     for oracle_percent, closes in ((3.1, 1), (3.2, 0), (None, 0)):  # squares, of which half way from 16 to 4 is 10
         true = dataclasses.replace(plain.score, oracle_percent=oracle_percent)
-        nonzero = {row: counts for row, counts in true_class_results([Outcome(answer, true)]).items() if counts[1]}
+        nonzero = {row: counts for row, counts in true_class_results([Outcome(answer, true)]).items() if counts[2]}
         ((row, counts),) = nonzero.items()
-        assert row.startswith(fate) and counts == (closes, 1)
+        assert row.startswith(fate) and counts == (closes, int(oracle_percent is not None), 1)
 
 
 def test_the_closed_share_is_of_the_squared_gap() -> None:
@@ -210,7 +210,7 @@ def test_calibration_counts_the_most_probable_answers() -> None:
     sure, error = judged("calibration", records).values()
     assert (sure.reached, sure.values, sure.met) == (0.9, 10, True)
     assert error.reached == pytest.approx((0.0 + 3.0 * (0.6 - 1.0 / 3.0)) / 13.0) and not error.met
-    assert error.text == "0.06 of 13" and error.required == "<= 0.05"
+    assert error.text == "0.062 of 13" and error.required == "<= 0.05"
 
 
 def test_two_effects_are_found_both_or_one() -> None:

@@ -100,10 +100,10 @@ def test_the_page_has_every_mark_and_class() -> None:
     ]
     text = rendered(records, marks(records), "Run of today.")
     assert "| skin | 1 | 0 | 1 | 0 | 0 |\n" in text
-    assert "| strong | 1.00 | 2.00 | 4.00 | - | - | - | - |" in text
+    assert "| strong | 1.00 | 1 | 2.00 | 4.00 | 4.00 | - | 0 | - | - | - |" in text
     assert all(rule.what in text for row in CONDITIONS for rule in row.rules)
     assert "**missed**, as it has fewer than 60 records" in text
-    assert "| another class named | 0 | 1 |" in text
+    assert "| another class named | 0 | 0 | 1 |" in text
 
 
 def test_measured_streams_have_the_marks_of_the_background_rows() -> None:

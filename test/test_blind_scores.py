@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from blind_answers import SUBJECT
 
+from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX
 from biodyn_core.body.model import predict
 from biodyn_core.body.subject import Subject
@@ -19,6 +21,7 @@ from blind.tracing import refits, score
 from blind.tracing.outcome import Answer, Cause, Score
 from blind.tracing.records import Record
 from blind.tracing.refits import oracle, placebo
+from blind.tracing.rows import Drawing
 from blind.tracing.score import generic_percent, ratio, recovered, sum_of_squares, unseen
 
 
@@ -102,6 +105,41 @@ def test_the_error_of_an_unstable_oracle_is_infinite(
     found = score._beside(Score("strong", 0, (Cause("backrest", "upper_torso", "backrest"),)),
                           Answer("strong", 0, "none"), known, fit)  # fmt: skip
     assert (found.oracle_percent, found.placebo_percent) == (math.inf, None)
+
+
+@pytest.mark.parametrize("fails", ["ceiling", "oracle"])
+def test_a_refit_that_fails_does_not_take_the_ratio(
+    fails: str, backrest: tuple[Record, Record], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The ratio decides the rows of a record, and a miss must stay in them."""
+
+    def refuse(*_: object) -> None:
+        raise InputError("gap_m is nan")
+
+    plain, hidden = backrest
+    cause = Cause("backrest", "upper_torso", "backrest")
+    theta = tuple(SUBJECT.parameters.vector().tolist())
+    monkeypatch.setattr(score, "causes", lambda effects: (cause,))
+    monkeypatch.setattr(score, "record", lambda one, coloured, with_effects: hidden if with_effects else plain)
+    monkeypatch.setattr(score, "_base_fit", lambda known: SimpleNamespace(subject=SUBJECT))
+    monkeypatch.setattr(score, "generic_percent", lambda *_: 9.0)
+    for name in ("ceiling", "oracle", "placebo"):
+        monkeypatch.setattr(score, name, refuse if name == fails else lambda *_: None)
+    if fails == "ceiling":
+        monkeypatch.setattr(score, "_beside", lambda found, *_: found)
+    given = Answer("strong", 0, "none", before=theta, after=theta)
+    sitting = SimpleNamespace(effects=(), level=0.0)
+    found = score.scored(Drawing("strong", 1, needs="all"), given, sitting)  # type: ignore[arg-type]
+    assert found.ratio is not None and found.ratio > 0.8 and found.why == f"{fails}: gap_m is nan"
+
+
+def test_the_oracle_tries_every_law_of_the_true_class(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[str] = []
+    monkeypatch.setattr(refits, "tries", lambda subject, effect, sites, cases: [(effect.name, tuple(sites))])
+    monkeypatch.setattr(refits, "starts", lambda fit, cases, every: tried.extend(every) or [])
+    monkeypatch.setattr(refits, "refitted", lambda *_: SimpleNamespace(subject=SUBJECT))
+    oracle(SimpleNamespace(subject=SUBJECT), [], Cause("cubic", "neck", "joint"))  # type: ignore[arg-type]
+    assert sorted(tried) == [("asymmetry", ("neck",)), ("cubic", ("neck",)), ("stop", ("neck",))]
 
 
 def test_only_the_first_records_of_a_row_have_a_placebo(

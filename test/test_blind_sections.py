@@ -77,12 +77,17 @@ def test_the_ceiling_is_that_of_records_with_the_true_law() -> None:
         ideal(outcome("strong", "none", [], [STOP], ratio=1.0), 0.9, "skin"),
         outcome("strong", "effect", [SKIN], [SKIN], ratio=1.0),
     ]
-    lines = ceiling_lines(records)
-    *_, row = rows_of(lines)
-    assert row[0] == "with background, ratio > 0.8" and row[1] == "5"
-    assert row[2:] == [share_text(1, 5), share_text(2, 5), share_text(1, 5), share_text(3, 5)]
-    assert "\n".join(lines) in rendered(records, marks(records), "Run.")
-    assert ceiling_lines(records[-1:]) == []
+    found = marks(records)
+    lines = ceiling_lines(records, found)
+    *_, by_class, by_set = rows_of(lines)
+    assert by_class[:3] == ["with background, ratio > 0.8", "class", ">= 80 %"] and by_set[1] == "in the 90 % set"
+    # A record without a ceiling is missed with the true law, and stays in the number.
+    assert by_class[3:] == [share_text(2, 6), share_text(2, 6), "1"]
+    assert by_set[3:] == [share_text(2, 6), share_text(3, 6), "1"]
+    missed = next(line for line in lines if line.startswith("Missed marks that have no ceiling"))
+    assert "two effects: both found" in missed and "ratio > 0.8: class" not in missed
+    assert "\n".join(lines) in rendered(records, found, "Run.")
+    assert ceiling_lines(records[-1:], found) == []
 
 
 def test_the_accuracy_of_a_step_goes_from_none_to_all() -> None:

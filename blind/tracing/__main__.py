@@ -65,24 +65,29 @@ def _run(options: argparse.Namespace) -> int:
         () if partial or options.short else CONDITIONS,
     )
     outcomes = run(study, in_processes, report=report)
+    sealed = len(outcomes)
     if not partial:
         outcomes += streams.outcomes(seed)
     required = CONDITIONS if partial else (*CONDITIONS, *MEASURED)
     found = marks(outcomes, [dataclasses.replace(one, least=0) for one in required] if options.short else required)
     if not partial:
-        _publish(study, OF_EACH if options.short else None, outcomes, found)
+        _publish(study, OF_EACH if options.short else None, outcomes, found, sealed)
     _print(found, outcomes, partial)
     return 0 if all(mark.met for mark in found) else 1
 
 
-def _publish(study: Run, of_each: int | None, outcomes: Sequence[Outcome], found: Sequence[Mark]) -> None:
-    """Publish a run of all rows: a short one, with `of_each` records of each, in the table of runs alone."""
+def _publish(study: Run, of_each: int | None, outcomes: Sequence[Outcome], found: Sequence[Mark], sealed: int) -> None:
+    """Publish a run of all rows: a short one, with `of_each` records of each, in the table of runs alone.
+
+    sealed: the number of records whose answers are sealed; the others are of measured streams.
+    """
     if commit() != study.commit:
         raise BrokenSeal("the commit has changed since the run began, so it is not published")
     today = dt.datetime.now(dt.timezone.utc).date().isoformat()
     about = About(
-        today, study.commit, study.seed, decision(), seals(study)[-1], len(outcomes), machine(), of_each=of_each
-    )
+        today, study.commit, study.seed, decision(), seals(study)[-1], sealed, machine(), of_each=of_each,
+        measured=len(outcomes) - sealed,
+    )  # fmt: skip
     if of_each is None:
         publish(ROOT, about, outcomes, found)
     else:

@@ -46,7 +46,7 @@ class Mark:
         if self.reached is None:
             return "-"
         if self.kind != "share":
-            return f"{self.reached:.2f} of {self.values}"
+            return f"{self.reached:.3f} of {self.values}"
         return f"{100.0 * self.reached:.1f} % ({_percent(self.lower)} to {_percent(self.upper)}) of {self.values}"
 
 
@@ -129,15 +129,16 @@ def confusion(outcomes: Sequence[Outcome]) -> dict[str, Counter[str]]:
     return found
 
 
-def true_class_results(outcomes: Sequence[Outcome]) -> dict[str, tuple[int, int]]:
-    """The results for the true classes: how many of those that the oracle can explain, and how many of all.
+def true_class_results(outcomes: Sequence[Outcome]) -> dict[str, tuple[int, int, int]]:
+    """The results for the true classes: numbers of records that the oracle can explain, with an oracle, and of all.
 
     The oracle can explain a record if it removes half of the squared error before beyond the squared floor.
     """
-    found = dict.fromkeys(TRUE_CLASS_RESULTS, (0, 0))
+    found = dict.fromkeys(TRUE_CLASS_RESULTS, (0, 0, 0))
     for one in outcomes:
-        closed, every = found[one.true_class_result]
-        found[one.true_class_result] = closed + _can_close(one.score), every + 1
+        closed, known, every = found[one.true_class_result]
+        known += one.score.oracle_percent is not None
+        found[one.true_class_result] = closed + _can_close(one.score), known, every + 1
     return found
 
 

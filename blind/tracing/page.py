@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from blind.tracing.marks import Mark, by_class, most_frequent, true_class_results, verdicts
-from blind.tracing.outcome import Outcome
+from blind.tracing.outcome import Outcome, Score
 from blind.tracing.rows import CONDITIONS, DRAWINGS, MEASURED, Condition
 from blind.tracing.score import PLACEBOS
 from blind.tracing.sections import (
@@ -29,7 +29,8 @@ Made by `make blind`, which fails if a mark is missed. Do not edit. All runs are
 
 `test/world` simulates people, seats, sensors and hidden effects, whose functional forms differ from the catalogue's.
 Each run has a new seed. All verdicts and their hash are written before any truth is drawn again from the seed. Scored
-forms differ from those that the learned model and the settings come from.
+forms differ from those that the learned model and the settings come from. The last rows of the table are no traces:
+they are answers of `biodyn check-sensors` on measured streams with inserted faults, made after the run and not sealed.
 
 Ratio is the rms of the effect's change of the base refit's residual, over the rms without the effect, each record
 refitted with and without it; it is known only with the truth. A row by ratio with too few records gets further ones in
@@ -44,7 +45,7 @@ def rendered(outcomes: Sequence[Outcome], found: Sequence[Mark], about: str) -> 
     """The whole page; about: the line of the run."""
     parts = (
         _marks(found),
-        ceiling_lines(outcomes),
+        ceiling_lines(outcomes, found),
         own_law_lines(outcomes),
         _verdicts(outcomes),
         reliability_lines(outcomes),
@@ -86,37 +87,51 @@ def _verdicts(outcomes: Sequence[Outcome]) -> list[str]:
 
 def _errors(outcomes: Sequence[Outcome]) -> list[str]:
     """Medians of the held-out errors, in percent."""
-    columns = ("floor", "before", "after", "placebo", "generic", "oracle")
     rows = []
     for drawing in DRAWINGS:
         scores = [one.score for one in outcomes if one.answer.row == drawing.name and one.score.ratio is not None]
         if scores:
-            values = [[getattr(score, f"{name}_percent") for score in scores] for name in columns]
             ratio = float(np.median([score.ratio for score in scores if score.ratio is not None]))
-            rows.append((drawing.name, f"{ratio:.2f}", *(_median(one) for one in values)))
+            beside = [one for one in scores if one.oracle_percent is not None]
+            after = [one.before_percent if one.after_percent is None else one.after_percent for one in scores]
+            rows.append((
+                drawing.name, f"{ratio:.2f}", str(len(scores)), _median_of(scores, "floor"),
+                _median_of(scores, "before"), _median(after), _median_of(scores, "generic"), str(len(beside)),
+                _median_of(beside, "before"), _median_of(beside, "oracle"), _median_of(beside, "placebo"),
+            ))  # fmt: skip
     words = (
         "Held-out errors in percent, medians. Floor: the base refit of the same record without the effect. Before: the"
         f" base refit. Placebo, in the first {PLACEBOS} records: the median wrong class with as many parameters."
         " Generic: a ridge FIR of the residual on the seat. Oracle: the true class and site, refitted from the"
-        " catalogue. Placebo and oracle are refitted where the ratio is above 0.8, or without a background."
+        " catalogue. Placebo and oracle are refitted where the ratio is above 0.8, or without a background: the second"
+        " number of records, which the columns after it are of. A record without an answer has the error before as that"
+        " after."
     )
     # A record without a refit has no ratio and no row, so the page lists it.
     without = [f"{one.score.row} {one.score.number}: {one.score.why}" for one in outcomes if one.score.why]
-    not_scored = f"Not scored, so in no row by ratio: {'; '.join(without) or 'none'}."
-    return ["## Errors", "", words, "", *table(("drawn as", "ratio", *columns), rows), "", not_scored, ""]
+    not_scored = f"Failed refits (without a ratio, a record is in no row by ratio): {'; '.join(without) or 'none'}."
+    head = (
+        "drawn as", "ratio", "records", "floor", "before", "after", "generic", "with an oracle", "before", "oracle",
+        "placebo",
+    )  # fmt: skip
+    return ["## Errors", "", words, "", *table(head, rows), "", not_scored, ""]
 
 
 def _true_classes(outcomes: Sequence[Outcome], row: Condition) -> list[str]:
     """The results for the true classes of a row."""
     counted = true_class_results(row.chosen(outcomes))
     words = (
-        "The middle column counts records in which the oracle, the catalogue's form at the true site, removes at least"
-        " half of the squared error before beyond the squared floor."
+        "In the records of the first column the oracle, the true class at the true site refitted, removes at least half"
+        " of the squared error before beyond the squared floor. Records below a ratio of 0.8 have no oracle."
     )
-    rows = [(what, str(closed), str(every)) for what, (closed, every) in counted.items()]
+    rows = [(what, *map(str, counts)) for what, counts in counted.items()]
     rows.append(("all", *(str(sum(column)) for column in zip(*counted.values(), strict=True))))
-    head = ("the true class", "where the oracle removes half", "records")
+    head = ("the true class", "the oracle removes half", "with an oracle", "records")
     return [f"## Result for the true class: {row.name}", "", words, "", *table(head, rows), ""]
+
+
+def _median_of(scores: Sequence[Score], name: str) -> str:
+    return _median([getattr(score, f"{name}_percent") for score in scores])
 
 
 def _median(values: Sequence[float | None]) -> str:

@@ -49,10 +49,15 @@ def starts(fit: Fit, cases: Sequence[Case], tried: Iterable[AppliedEffect]) -> l
 
 
 def oracle(fit: Fit, cases: Sequence[Case], cause: Cause) -> Subject:
-    """The true class refitted from the best starts at its true site, or at the best one if unknown."""
-    effect = CATALOGUE[cause.name]
-    sites = [site for site in effect.sites if cause.site and not site_distance(effect.name, site, cause.site)]
-    ranked = starts(fit, cases, tries(fit.subject, effect, sites or effect.sites, cases))
+    """The true class refitted from the best starts at its true site, or at the best one if unknown.
+
+    A class is a mechanism: the law of each of its effects is tried.
+    """
+    tried: list[AppliedEffect] = []
+    for effect in (one for one in CATALOGUE.values() if one.mechanism == cause.mechanism):
+        sites = [site for site in effect.sites if cause.site and not site_distance(effect.name, site, cause.site)]
+        tried += tries(fit.subject, effect, sites or effect.sites, cases)
+    ranked = starts(fit, cases, tried)
     return refitted(fit, cases, [one.applied for one in ranked[:STARTS]]).subject
 
 

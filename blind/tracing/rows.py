@@ -178,7 +178,7 @@ CONDITIONS: Final = (
         "sensor noise, ratio > 0.3", ("sensor_noise",), 40,
         (
             Rule("class", attrgetter("class_right"), 0.85, ">="),
-            Rule("within one joint", _near_site, 0.90, ">="),
+            Rule("class, and within one joint", _near_site, 0.90, ">="),
             Rule("held-out error after over the floor, median", _over_floor, 1.2, "<=", "median"),
             Rule("truth refitted: closed share of the gap, median", _closed_by_oracle, 0.9, ">=", "median"),
         ),

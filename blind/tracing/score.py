@@ -82,9 +82,16 @@ def _refitted(found: Score, drawing: Drawing, answer: Answer, one: Sitting) -> S
     shown = np.inf if one.level == 0.0 else found.ratio or 0.0
     if drawing.needs != "all" or shown <= WEAK or found.causes[0].name not in CATALOGUE:
         return found
+    # What fails from here on must not take the known ratio, which decides the rows of the record.
     if subjects:  # the ceiling starts from the fit of the answer; a failed trace has none
-        found = _with_ceiling(found, ceiling(hidden, subjects[0], found.causes[0], plain, fits[1].subject))
-    return _beside(found, answer, unseen(answer, hidden), fits[0]) if shown > STRONG else found
+        try:
+            found = _with_ceiling(found, ceiling(hidden, subjects[0], found.causes[0], plain, fits[1].subject))
+        except InputError as error:
+            found = dataclasses.replace(found, why=f"ceiling: {error}")
+    try:
+        return _beside(found, answer, unseen(answer, hidden), fits[0]) if shown > STRONG else found
+    except InputError as error:
+        return dataclasses.replace(found, why=f"oracle: {error}")
 
 
 def _with_ceiling(found: Score, ideal: Probabilities | None) -> Score:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from operator import attrgetter, methodcaller
 from typing import Final
 
 import numpy as np
 
 from biodyn_core.tracing.probability import NONE, OUTSIDE
 from blind.tracing.curves import MEASURES, Curve, curves
-from blind.tracing.marks import NO_ANSWER, confusion
+from blind.tracing.marks import NO_ANSWER, Mark, confusion
 from blind.tracing.outcome import LEAST_RATIO, Outcome
 from blind.tracing.pictures import BY_RATIO, RELIABILITY, ratio_picture, reliability_picture
 from blind.tracing.reliability import Confidence, bin_table, calibration_error, error_by_chance
@@ -60,24 +61,40 @@ def reliability_lines(outcomes: Sequence[Outcome]) -> list[str]:
     return [*title, words, "", *_picture(alt, RELIABILITY), *bin_table(answers, "records"), ""]
 
 
-def ceiling_lines(outcomes: Sequence[Outcome]) -> list[str]:
+def ceiling_lines(outcomes: Sequence[Outcome], found: Sequence[Mark]) -> list[str]:
     """The marks for the class beside those with the true law in the catalogue; nothing without such records."""
-    rows = []
+    rows, covered = [], set()
     for row in CONDITIONS:
-        mine = [one for one in row.chosen(outcomes) if one.score.ceiling]
-        if mine and any(rule.what == "class" for rule in row.rules):
-            counts = (
-                sum(one.class_right for one in mine), sum(one.named_with_true_law(SURE) for one in mine),
-                sum(one.in_set for one in mine), sum(one.in_set_with_true_law for one in mine),
-            )  # fmt: skip
-            rows.append((row.name, str(len(mine)), *(share_text(count, len(mine)) for count in counts)))
+        mine = row.chosen(outcomes)
+        without = sum(not one.score.ceiling for one in mine)
+        if without == len(mine):
+            continue
+        for rule in row.rules:
+            if rule.what in CEILINGS:
+                reached, ideal = (sum(map(of, mine)) for of in CEILINGS[rule.what])
+                shares = (share_text(count, len(mine)) for count in (reached, ideal))
+                rows.append((row.name, rule.what, rule.required, *shares, str(without)))
+                covered.add((row.name, rule.what))
+    if not rows:
+        return []
     words = (
         "What the same decision reaches in the same records as if the catalogue had the true law, which predicts"
-        " exactly what the effect changes. What is missed even so, no better law would find: the background hides it,"
-        " or another class resembles it."
+        " exactly what the effect changes. Most of what is missed even so is hidden by the background, or resembles"
+        " another class; a few records are named with the catalogue's law alone. Records without a ceiling count as"
+        " missed with the true law: their trace failed, or the true effect was no candidate. Whether other recordings"
+        " would lift a ceiling is in [tracing.md](tracing.md#how-far-to-believe-a-verdict)."
     )
-    head = ("condition", "records", "class", "with the true law", "in the 90 % set", "with the true law")
-    return ["## Ceiling", "", words, "", *table(head, rows), ""] if rows else []
+    others = [f"{one.row}: {one.what}" for one in found if not one.met and (one.row, one.what) not in covered]
+    missed = f"Missed marks that have no ceiling: {'; '.join(others) or 'none'}."
+    head = ("condition", "mark", "required", "reached", "with the true law", "without a ceiling")
+    return ["## Ceiling", "", words, "", *table(head, rows), "", missed, ""]
+
+
+CEILINGS: Final[Mapping[str, tuple[Callable[[Outcome], bool], Callable[[Outcome], bool]]]] = {
+    "class": (attrgetter("class_right"), methodcaller("named_with_true_law", SURE)),
+    "in the 90 % set": (attrgetter("in_set"), attrgetter("in_set_with_true_law")),
+}
+"""By mark: whether a record reaches it, and whether it does with the true law in the catalogue."""
 
 
 def own_law_lines(outcomes: Sequence[Outcome]) -> list[str]:

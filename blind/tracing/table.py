@@ -30,9 +30,9 @@ run has a few records of each row (in brackets), fewer than the others require.
 
 @dataclass(frozen=True)
 class About:
-    """A run: day, commit, seed, hash of the decision, hash of the sealed answers, number of records, and machine.
+    """A run: day, commit, seed, hash of the decision, hash of the sealed answers, number of these, and machine.
 
-    of_each: records of each row in a short run.
+    of_each: records of each row in a short run. measured: number of further records, of measured streams.
     """
 
     date: str
@@ -43,13 +43,15 @@ class About:
     records: int
     machine: str = "an unknown machine"
     of_each: int | None = None
+    measured: int = 0
 
     @property
     def text(self) -> str:
         """The run as text."""
         return (
-            f"Run of {self.date}, commit {self.commit}, seed {self.seed}, {self.records} records, decision"
-            f" {self.decision[:12]}, answers sealed as {self.sealed[:12]}, on {self.machine}."
+            f"Run of {self.date}, commit {self.commit}, seed {self.seed}, {self.records} records, whose answers are"
+            f" sealed as {self.sealed[:12]}, and {self.measured} of measured streams; decision {self.decision[:12]}, on"
+            f" {self.machine}."
         )
 
 
