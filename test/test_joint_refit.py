@@ -13,6 +13,7 @@ from biodyn_core.identification.problem import errors
 from biodyn_core.tracing import joint_refit
 from biodyn_core.tracing.answers import answer
 from biodyn_core.tracing.joint_refit import covariances, general_starts, generalised, jointly_refitted, refit
+from biodyn_core.tracing.nuisance_model import FREE
 from biodyn_core.tracing.settings import JointRefitSettings
 
 SKIN = {"softness_s": 1.0 / (2.0 * np.pi * 30.0), "damping_ratio": 0.3}
@@ -114,6 +115,30 @@ def test_the_covariance_is_of_each_effect_and_shrinks_with_more_data() -> None:
     at = ranges.unbounded(np.array([found.effects[0].values["gain"]]), 1e-6)
     low, high = (ranges.bounded(at + 3.0 * side * np.sqrt(many[0][0, 0]))[0] for side in (-1.0, 1.0))
     assert low < 0.1 < high and high - low < 0.05
+
+
+def test_the_covariance_of_a_small_strength_is_that_at_its_own_value() -> None:
+    """Quadratic damping of 0.2 s/m, a thousandth of its range, all else known: by the curvature of the objective."""
+    events = cases()
+    known = JointRefitSettings(theta_spread=1e-9, psi_spread=1e3)
+
+    def at(value: float) -> Subject:
+        return dataclasses.replace(
+            hiding.TRUTH, effects=(applied("quadratic_damping", "pelvis", growth_s_per_m=value),)
+        )
+
+    def objective(value: float) -> float:
+        problem = joint_refit._Problem(at(value), events, FREE, "trusted", textbook=False, settings=known)
+        return problem.objective()
+
+    information = np.linalg.inv(covariances(at(0.2), events, 1e-3, known)[0])[0, 0]
+    noise = objective(0.2) / (1e-3 * sum(int(case.compared.sum()) for case in events))
+    curvature = (objective(0.3) - 2.0 * objective(0.2) + objective(0.1)) / 0.1**2
+    parameter = CATALOGUE["quadratic_damping"].parameters[0]
+    share = parameter.share(0.2)
+    assert share < 0.002
+    slope = (parameter.upper - parameter.lower) * share * (1.0 - share)
+    assert 1.0 / np.sqrt(information) == pytest.approx(np.sqrt(2.0 * noise / curvature) / slope, rel=0.1)
 
 
 def test_a_general_form_comes_nearer_to_a_law_that_the_textbook_form_is_not() -> None:

@@ -18,6 +18,7 @@ from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.body.parameters import Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, Ranges, logistic
+from biodyn_core.effects.ranges import FINITE
 from biodyn_core.identification.objectives import PENALTY, RegularizationTerm, TimeDomain
 from biodyn_core.identification.phase2 import interior, mapped, slope_by_phi, trust_region
 from biodyn_core.identification.problem import Case
@@ -68,7 +69,7 @@ def covariances(
     """
     s = settings or JointRefitSettings()
     problem = _Problem(subject, cases, FREE, "trusted", textbook=False, settings=s)
-    share = np.clip(problem.shares(), s.inside, 1.0 - s.inside)
+    share = np.clip(problem.shares(), FINITE, 1.0 - FINITE)  # the draws of a law are around the same point
     residuals, slopes = problem.linearised(problem.theta, share)
     slopes[:, -share.size :] *= share * (1.0 - share)
     samples = sum(int(case.compared.sum()) for case in cases)
