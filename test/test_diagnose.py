@@ -188,6 +188,11 @@ def test_the_event_of_a_jump_of_the_residual_is_named() -> None:
     found = diagnose(hiding.TRUTH, nuisance(cases)).jump
     assert found is not None and found[1] < 0.05
     assert found[0] == cases[3].name
+    # Events may be given in another order; the residual changes in that of time.
+    timed = [dataclasses.replace(case, begins_ns=number * 10**10) for number, case in enumerate(cases)]
+    dealt = [timed[number] for number in (4, 0, 3, 2, 5, 1)]
+    name, p_value = diagnose(hiding.TRUTH, nuisance(dealt)).jump or ("", 1.0)
+    assert name == cases[3].name and p_value < 0.05
 
 
 def test_the_p_value_is_large_without_a_jump() -> None:

@@ -233,16 +233,21 @@ def _level_slope(cases: Sequence[Case], residuals: Sequence[Floats], s: Diagnost
 
 
 def _jump(nuisance: NuisanceModel, s: DiagnosticSettings) -> tuple[str, float] | None:
-    """The event at which the residual changes most (CUSUM of log squares by window), and its p-value by shuffling."""
+    """The event at which the residual changes most (CUSUM of log squares by window), and its p-value by shuffling.
+
+    Windows are in the order of time: events may be given in another one, such as that of dealing.
+    """
     p = nuisance.train.products
     if p.square.size < s.least_jump_windows:
         return None
+    begins_ns = np.array([case.begins_ns for case in nuisance.train.cases])
+    order = np.argsort(begins_ns[p.event], kind="stable")
     score = np.log(np.maximum(p.residual_square(nuisance.solution(p)), 1e-12) / np.maximum(p.samples, 1.0))
-    score = score - score.mean()
+    score = score[order] - score.mean()
     walk = np.abs(np.cumsum(score))
     rng = np.random.default_rng(0)
     shuffled = [np.abs(np.cumsum(rng.permutation(score))).max() for _ in range(s.shuffles)]
     at = int(np.argmax(walk))
     chance = (1.0 + sum(one >= walk[at] for one in shuffled)) / (1.0 + s.shuffles)
     first = min(at + 1, score.size - 1)  # the sum turns at the last window before the change
-    return nuisance.train.cases[int(p.event[first])].name, chance
+    return nuisance.train.cases[int(p.event[order[first]])].name, chance

@@ -213,7 +213,7 @@ class Diagnostics:
     quietest condition alone and to all. coherent: per channel, the segment with the most coherent residual, and its
     share of power above chance. peeling: per sub-chain, from the head down, named by the sensor that drives it, error
     of the segments above, rms percent. bracket: the joints that this points to. level_slope: d log of the relative
-    residual / d log peak. jump: the event, in the given order, at which the residual changes most, and its p-value.
+    residual / d log peak. jump: the event, in the order of time, at which the residual changes most, and its p-value.
     at_bound: parameters on a bound. drift: per parameter, ln of largest over smallest value among the conditions.
     seat_tension: largest tension of the seat's joint, over the weight it carries.
     """

@@ -372,7 +372,7 @@ def _level(found: Diagnostics) -> Iterator[str]:
 def _jump(found: Diagnostics) -> Iterator[str]:
     if found.jump is not None and finite(found.jump[1]) is not None:
         event, p_value = found.jump
-        line = f"in the given order the residual changes most at {event}"
+        line = f"in the order of time the residual changes most at {event}"
         yield f"{line}; by chance such a change occurs in {_percent(p_value)} of shuffled orders"
 
 

@@ -105,8 +105,8 @@ def own_law_lines(outcomes: Sequence[Outcome]) -> list[str]:
     words = (
         "The background of a body has laws of its joints and errors of its sensors too. The last column is the ratio"
         " of its own law of the named class at the named site: both bodies, with and without this law, are refitted."
-        f" Above {STRONG:g} the name is wrong by the marks, but it describes the body. A dash: the background has no"
-        " such law."
+        f" Above {STRONG:g} the name is wrong by the marks, but it describes the body. A dash: the body has no such law"
+        " of the paper's background, or it was not refitted."
     )
     rows = []
     for one in named:
