@@ -151,8 +151,8 @@ def test_changes_of_the_effects_that_the_subject_had_are_listed() -> None:
     report = Report(found(**subjects))
     change = trace_document(report)["parameters_moved"]["friction friction_n[pelvis]"]
     assert (change["given"], change["refitted"], change["with_effect"], change["unit"]) == (30.0, 10.0, 9.0, "N")
-    assert "friction friction n, pelvis 30.0 to 10.0 (-66.7 %)" in " ".join(text_of(report).split())
-    assert "friction friction n, pelvis" in page_of(report.trace)[1].text
+    assert "friction of friction, pelvis 30.0 to 10.0 (-66.7 %)" in " ".join(text_of(report).split())
+    assert "friction of friction, pelvis" in page_of(report.trace)[1].text
 
 
 def test_the_terminal_has_every_reason() -> None:

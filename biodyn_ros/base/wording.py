@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Collection, Container, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
@@ -19,6 +20,9 @@ _GROUPS: Final = {
     "stiffening_scale": "stiffening scale",
     "mass_scale": "mass scale",
 }
+
+_UNIT: Final = re.compile(r"(_n|_m|_s)?_(per_m2|per_m|per_n|s_per_m|mps2|mps|hz|kg|m|s|n)$")
+"""The unit at the end of a parameter's name."""
 
 MODEL: Final = "the model"
 
@@ -164,10 +168,16 @@ def words(name: str) -> str:
 
 
 def parameter_name(name: str) -> str:
-    """`natural_frequency_hz[head]` is "natural frequency, head", and `stop gap_m[head]` "stop gap m, head"."""
+    """`natural_frequency_hz[head]` is "natural frequency, head", and `stop gap_m[head]` "gap of stop, head"."""
     group, _, segment = name.partition("[")
-    what = _GROUPS.get(group) or words(group)
+    effect, _, parameter = group.partition(" ")
+    what = f"{without_unit(parameter)} of {words(effect)}" if parameter else _GROUPS[group]
     return f"{what}, {words(segment.rstrip(']'))}" if segment else what
+
+
+def without_unit(name: str) -> str:
+    """A parameter's name as words, without the unit at its end: `gap_m` is "gap"."""
+    return words(_UNIT.sub("", name))
 
 
 def compared_without(effects: str) -> str:

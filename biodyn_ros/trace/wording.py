@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Sequence
 from typing import Final
 
@@ -23,13 +22,10 @@ from biodyn_core.tracing.probability import NONE, OUTSIDE
 from biodyn_core.tracing.sensor_limits import LIMITS, within_limits
 from biodyn_core.tracing.verdict import in_words
 from biodyn_ros.base.json_files import finite
-from biodyn_ros.base.wording import number, parameter_name, sentence, with_interval, words
+from biodyn_ros.base.wording import number, parameter_name, sentence, with_interval, without_unit, words
 from biodyn_ros.reading.provenance import without_note
 from biodyn_ros.trace.errors import WHEN, When, errors_by_use, known
 from biodyn_ros.trace.report import Report
-
-_UNIT: Final = re.compile(r"(_n|_m|_s)?_(per_m2|per_m|per_n|s_per_m|mps2|mps|hz|kg|m|s|n)$")
-"""The unit at the end of a parameter's name."""
 
 _RANKED: Final = 3
 """Number of channels or parameters in a ranking."""
@@ -216,8 +212,7 @@ def _sensor_line(found: SensorFinding) -> str:
 
 def _without_unit(parameter: EffectParameter) -> str:
     """`gap_m` is "gap": the unit follows the value."""
-    name = _UNIT.sub("", parameter.name) if parameter.unit else parameter.name
-    return words(name)
+    return without_unit(parameter.name) if parameter.unit else words(parameter.name)
 
 
 def _held_out(trace: Trace, when: When) -> str:
