@@ -695,7 +695,9 @@ def test_validate_writes_its_output_and_names_disagreements(capsys: pytest.Captu
     code, out, _ = run(capsys, *arguments)
     assert code == 0
     assert json.loads(out) == json.loads((tmp_path / "out" / "validate.json").read_text(encoding="utf-8"))
-    assert json.loads(out)["verdict"] == "agrees"
+    # All agrees, but one shock is no basis for a transmissibility.
+    assert json.loads(out)["verdict"] == "undecided"
+    assert [(one["status"], one["what"]) for one in json.loads(out)["findings"]] == [("undecided", "stht")]
     code, out, _ = run(capsys, "validate", BAG, "--subject", "subject_2")
     assert code == 0 and "verdict: disagrees" in out and "head: error" in out
 

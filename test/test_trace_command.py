@@ -62,7 +62,10 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
             for use, cases in (("train", train), ("choose", held_out[:-1]), ("held_out", held_out[-1:]))
             for case in cases
         ]
-        return found(given.get("verdict", "effect"), events=tuple(named), seed=seed, given=subject)
+        whole = found(given.get("verdict", "effect"), events=tuple(named), seed=seed, given=subject)
+        before = dataclasses.replace(whole.before, effects=subject.effects)
+        after = dataclasses.replace(whole.after, effects=(*subject.effects, *whole.after.effects))
+        return dataclasses.replace(whole, before=before, after=after)
 
     module = types.ModuleType("biodyn_core.tracing.trace")
     module.trace = trace  # type: ignore[attr-defined]

@@ -29,8 +29,7 @@ Made by `make blind`, which fails if a mark is missed. Do not edit. All runs are
 
 `test/world` simulates people, seats, sensors and hidden effects, whose functional forms differ from the catalogue's.
 Each run has a new seed. All verdicts and their hash are written before any truth is drawn again from the seed. Scored
-forms differ from those that the learned model and the settings come from. The last rows of the table are no traces:
-they are answers of `biodyn check-sensors` on measured streams with inserted faults, made after the run and not sealed.
+forms differ from those that the learned model and the settings come from.
 
 Ratio is the rms of the effect's change of the base refit's residual, over the rms without the effect, each record
 refitted with and without it; it is known only with the truth. A row by ratio with too few records gets further ones in
@@ -75,7 +74,11 @@ def _met(mark: Mark) -> str:
 
 def _marks(found: Sequence[Mark]) -> list[str]:
     met = sum(mark.met for mark in found)
-    return ["## Marks", "", f"{met} of {len(found)} are met.", "", *marks_table(found), ""]
+    words = (
+        f"{met} of {len(found)} are met. Rows of measured streams are no traces: they are answers of"
+        " `biodyn check-sensors` to streams with inserted faults, made after the run and not sealed."
+    )
+    return ["## Marks", "", words, "", *marks_table(found), ""]
 
 
 def _verdicts(outcomes: Sequence[Outcome]) -> list[str]:
