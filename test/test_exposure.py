@@ -537,6 +537,21 @@ def test_a_tilt_adds_no_motion_sickness_dose_behind_a_break():
 # --- reset, rolling --------------------------------------------------------------------------------------------------
 
 
+def test_mtvv_since_a_reset_is_without_what_was_before():
+    """A jolt, half a second of rest, a reset, and then rest: a running rms cannot exceed the largest value."""
+    rate_hz = 1000.0
+    accel = np.zeros((12000, 1))
+    accel[1000:1100, 0] = 30.0 * np.sin(np.pi * np.arange(100) / 100.0)
+    accel[1600:, 0] += 0.05 * np.random.default_rng(1).standard_normal(10400)
+    meter = DoseMeter("Wk", rate_hz, 1, 60.0)
+    meter.push(accel[:1600])
+    (before,) = meter.since_reset()
+    meter.reset()
+    meter.push(accel[1600:])
+    (found,) = meter.since_reset()
+    assert found.mtvv_mps2 < found.peak_mps2 < 0.2 * before.mtvv_mps2
+
+
 def test_filters_and_oscillators_continue_over_a_reset():
     accel = noise(8, 2.0)
     sections = naive.weighted("Wk", np.convolve(accel[:, 0], np.ones(9) / 9.0, "same"), RATE_HZ)
@@ -586,7 +601,7 @@ class Bins:
 def test_rolling_figures_are_those_of_the_last_bins(seed, pieces, window_s):
     accel = noise(seed, 8 * 700 / RATE_HZ)
     meter, bins = DoseMeter("Wk", RATE_HZ, 1, window_s), Bins(window_s)
-    at = 0
+    at, resets = 0, []
     for count, reset in pieces:
         meter.push(np.ascontiguousarray(accel[at : at + count]))
         bins.push(count)
@@ -594,10 +609,15 @@ def test_rolling_figures_are_those_of_the_last_bins(seed, pieces, window_s):
         if reset:
             meter.reset()
             bins.close()
+            resets.append(at)
     weighted = filtered(accel[:at])
     span = weighted[bins.span]
+    # The running averages begin again at a reset.
     linear, exponential = (
-        running(weighted, RATE_HZ)[bins.span] for running in (naive.linear_running_rms, naive.running_rms)
+        np.concatenate([running(part, RATE_HZ) for part in np.split(weighted, resets) if part.size] or [span])[
+            bins.span
+        ]
+        for running in (naive.linear_running_rms, naive.running_rms)
     )
     found = meter.rolling()[0]
     assert found.seconds == pytest.approx(len(span) / RATE_HZ)

@@ -49,7 +49,8 @@ class Dose:
     """Weighted exposure of one channel: aw and MTVV m/s^2, VDV m/s^1.75, weighted peak m/s^2, seconds counted.
 
     MTVV is the largest running rms, by the linear average over 1 s (ISO 2631-1:1997, 6.3.1, Eq. 2) and by the
-    exponential one (Eq. 3). Both running mean squares start at zero after a break, so both are lower bounds.
+    exponential one (Eq. 3). Both running mean squares start at zero after a break or a reset, so both are lower bounds,
+    and neither contains what was before a reset.
     """
 
     aw_mps2: float
@@ -185,7 +186,7 @@ class Meter(ABC, Generic[Figures]):
         self._tally.reset()
 
     def settled(self) -> None:
-        """Set everything to zero that contains earlier samples, running averages too, except the states of filters."""
+        """Set everything to zero that contains earlier samples, except the states of filters."""
         self.reset()
 
     def totals(self) -> Floats:
@@ -228,9 +229,9 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
         self._weighting.restart()
         self._clear_averages()
 
-    def settled(self) -> None:
-        """As `Meter.settled`: the running averages are zero."""
-        super().settled()
+    def reset(self) -> None:
+        """Set everything "since reset" to zero, with the running averages; a rolling MTVV begins again too."""
+        super().reset()
         self._clear_averages()
 
     def _clear_averages(self) -> None:
