@@ -629,6 +629,15 @@ def test_unmeasured_ratios_do_not_exclude_shocks():
     )
 
 
+def test_lower_bounds_do_not_exclude_shocks():
+    """Text and JSON say the same: what is above its threshold stays above, the others are undecided."""
+    bound = seat(lower_bound=True, shock_ratios=ratios(crest=11.2))
+    found = exposure_document(report(seat=bound))["seat"]["shock_ratios"]
+    assert found["crest_factor"]["exceeded"] is True and found["mtvv_over_aw"]["exceeded"] is None
+    assert exposure_document(report())["seat"]["shock_ratios"]["mtvv_over_aw"]["exceeded"] is False
+    assert "undecided" in shocks(seat(lower_bound=True))
+
+
 def test_a_set_that_states_no_a8_shows_none(tmp_path):
     changed = report(limits=Limits(EU_LIMITS.additional[0]))
     assert "A(8), m/s² 0.0187 – –" in page_of(tmp_path, changed).text

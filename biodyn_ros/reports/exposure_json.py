@@ -8,7 +8,7 @@ from typing import Any
 
 from biodyn_core.exposure.injury import Dri, Hic
 from biodyn_core.exposure.joint_forces import JOINT_NAMES
-from biodyn_core.exposure.limit_assessment import SeatExposure
+from biodyn_core.exposure.limit_assessment import SeatExposure, ShockRatio
 from biodyn_core.exposure.limits import Limits
 from biodyn_core.exposure.meters import Dose
 from biodyn_ros import __version__
@@ -121,11 +121,17 @@ def _seat(seat: SeatExposure, msdv_mps15: float | None) -> Document:
     del document["additional"]
     ratios = {
         ratio.name: {
-            "value": ratio.value, "threshold": ratio.threshold, "exceeded": ratio.exceeded, "clause": ratio.clause,
+            "value": ratio.value, "threshold": ratio.threshold, "exceeded": _exceeded(ratio, seat),
+            "clause": ratio.clause,
         }
         for ratio in seat.shock_ratios
     }  # fmt: skip
     return document | {"shock_ratios": {"axis": seat.axis, **ratios}, "msdv_mps15": msdv_mps15}
+
+
+def _exceeded(ratio: ShockRatio, seat: SeatExposure) -> bool | None:
+    """Whether a ratio is above its threshold; None where lower bounds leave it undecided."""
+    return None if seat.lower_bound and not ratio.exceeded else ratio.exceeded
 
 
 def _additional_limits(limits: Limits, seat: SeatExposure | None) -> list[Document]:
