@@ -155,9 +155,9 @@ class HicMeter(Meter[Hic]):
         self._seen[:] = 0
         self._windows[:] = 0.0
 
-    def settled(self) -> None:
-        """As `Meter.settled`: no window reaches back."""
-        super().settled()
+    def forget(self) -> None:
+        """As `Meter.forget`: no window reaches back."""
+        super().forget()
         self._filled[:, 0] = 0
 
     def totals(self) -> Floats:

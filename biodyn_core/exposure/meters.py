@@ -185,8 +185,8 @@ class Meter(ABC, Generic[Figures]):
         """Set everything "since reset" to zero."""
         self._tally.reset()
 
-    def settled(self) -> None:
-        """Set everything to zero that contains earlier samples, except the states of filters."""
+    def forget(self) -> None:
+        """Forget all earlier samples, as after a warm-up; only the states of filters continue."""
         self.reset()
 
     def totals(self) -> Floats:

@@ -14,8 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
-from scipy.stats import gamma
+from scipy import signal, special
 
 from biodyn_core.base.arrays import Complexes, Flags, Floats, Integers
 from biodyn_core.base.errors import InputError
@@ -100,7 +99,8 @@ class CrossSpectra:
         for apart, shared in enumerate(NEIGHBOURS, start=1):
             related = related + 2.0 * shared * (weights[apart:] * weights[:-apart]).sum(axis=0)
         spread = np.maximum(variance * related, 1e-12)
-        return np.asarray(np.minimum(gamma.ppf(1.0 - CHANCE, mean**2 / spread, scale=spread / mean), 1.0))
+        quantile = special.gammaincinv(mean**2 / spread, 1.0 - CHANCE) * spread / mean
+        return np.asarray(np.minimum(quantile, 1.0))
 
     @property
     def relative_error(self) -> Floats:

@@ -324,7 +324,7 @@ def _count(runs: Sequence[PredictedRun], meter: Any, rows: Callable[[PredictedRu
         values = np.ascontiguousarray(rows(run))
         if number == 0:
             meter.push(values[: run.begin])
-            meter.settled()
+            meter.forget()
         else:
             before, now = runs[number - 1].recording.stamps_ns[-1], run.recording.stamps_ns[run.begin]
             # Samples that follow each other have no break between them, but one period.

@@ -14,7 +14,7 @@ from biodyn_ros.reports.verdict import Verdict
 from biodyn_ros.subject.making import PAGE, RESULT, VALIDATED, MadeSubject
 from biodyn_ros.subject.steps import Step
 from biodyn_ros.subject.uses import UsedEvents
-from biodyn_ros.subject.wording import FILES, PAGES, TITLES, divergence_of, other_uses, result_line, sentence_of
+from biodyn_ros.subject.wording import FILES, PAGES, TITLES, divergence_of, result_line, sentence_of
 
 
 def write_page(made: MadeSubject, report: bool) -> None:
@@ -83,7 +83,7 @@ def _validated(made: MadeSubject) -> list[dict[str, Any]]:
 
 def _used(made: MadeSubject, used: UsedEvents) -> list[tuple[BagPart, str]]:
     """The events by time with their uses, and the use in the trace where it is another one."""
-    changed = other_uses(made.steps["trace"].facts, used)
+    changed = used.changed(made.steps["trace"].facts.get("uses"))
     parts = sorted((*used.fit, *used.held_out), key=lambda part: (str(part.path), part.begin_s))
     return [(part, _use(used.uses[str(part)], changed.get(str(part)))) for part in parts]
 

@@ -34,6 +34,13 @@ class UsedEvents:
         """The events that are only predicted."""
         return tuple(part for part in self.held_out if self.uses[str(part)] == "report")
 
+    def changed(self, in_trace: Mapping[str, str] | None) -> dict[str, str]:
+        """The use of each event whose use in a trace, by `traced_uses`, is not the dealt one; none if unknown."""
+        if in_trace is None:
+            return {}
+        found = {event: in_trace.get(event, "not used") for event in self.uses}
+        return {event: use for event, use in found.items() if use != self.uses[event]}
+
 
 def used_events(parts: Sequence[BagPart], per_case: int, seed: int) -> UsedEvents:
     """Choose at most per_case events of each condition, over all levels, and deal them."""

@@ -60,16 +60,8 @@ def _validate(facts: Mapping[str, Any], _: UsedEvents | None) -> str:
 
 def _trace(facts: Mapping[str, Any], used: UsedEvents | None) -> str:
     found = str(facts["headline"]).rstrip(".")
-    changed = other_uses(facts, used)
+    changed = used.changed(facts.get("uses")) if used else {}
     return f"{found}; {counted(len(changed), 'event')} not used as dealt" if changed else found
-
-
-def other_uses(facts: Mapping[str, Any], used: UsedEvents | None) -> dict[str, str]:
-    """The use in the trace of each event that was dealt to another one; facts are those of the step."""
-    if used is None or "uses" not in facts:
-        return {}
-    in_trace = {event: facts["uses"].get(event, "not used") for event in used.uses}
-    return {event: use for event, use in in_trace.items() if use != used.uses[event]}
 
 
 _SENTENCES: Final = {"events": _events, "fit": _fit, "validate": _validate, "trace": _trace}

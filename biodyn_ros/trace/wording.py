@@ -8,7 +8,7 @@ from typing import Final
 
 from biodyn_core.base.segments import SEAT, SEGMENTS
 from biodyn_core.base.wording import counted, number_below, probability_text
-from biodyn_core.effects import CATALOGUE, AppliedEffect, EffectParameter
+from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.tracing.findings import (
     Diagnostics,
     Interval,
@@ -178,7 +178,7 @@ def parameters_of(applied: AppliedEffect, intervals: Sequence[Interval] = ()) ->
             value, lower, upper = with_interval(*map(finite, (interval.value, interval.lower, interval.upper)))
             value = f"{value} ({lower} to {upper})"
         unit = "" if parameter.unit in ("", "-") else f" {parameter.unit}"
-        shown.append((_without_unit(parameter), value + unit))
+        shown.append((without_unit(parameter.name), value + unit))
     return shown
 
 
@@ -208,11 +208,6 @@ def _sensor_line(found: SensorFinding) -> str:
     gain = "" if found.gain is None else f" (gain {number(known(found.gain))})"
     cause = f"it is {'the' if found.explains else 'not the'} named cause{gain}"
     return f"the sensor on the {words(found.fault.site)} {what}, {source}; {allowed}; {cause}"
-
-
-def _without_unit(parameter: EffectParameter) -> str:
-    """`gap_m` is "gap": the unit follows the value."""
-    return without_unit(parameter.name) if parameter.unit else words(parameter.name)
 
 
 def _held_out(trace: Trace, when: When) -> str:

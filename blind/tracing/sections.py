@@ -30,6 +30,12 @@ from conformance.table import table
 
 WITHOUT: Final = ("This run has no probabilities.", "")
 
+CEILINGS: Final[Mapping[str, tuple[Callable[[Outcome], bool], Callable[[Outcome], bool]]]] = {
+    "class": (attrgetter("class_right"), methodcaller("named_with_true_law", SURE)),
+    "in the 90 % set": (attrgetter("in_set"), attrgetter("in_set_with_true_law")),
+}
+"""By mark: whether a record reaches it, and whether it does with the true law in the catalogue."""
+
 
 def pictures(outcomes: Sequence[Outcome]) -> dict[str, str]:
     """The pictures of the page by file name, as SVG; none without probabilities."""
@@ -88,13 +94,6 @@ def ceiling_lines(outcomes: Sequence[Outcome], found: Sequence[Mark]) -> list[st
     missed = f"Missed marks that have no ceiling: {'; '.join(others) or 'none'}."
     head = ("condition", "mark", "required", "reached", "with the true law", "without a ceiling")
     return ["## Ceiling", "", words, "", *table(head, rows), "", missed, ""]
-
-
-CEILINGS: Final[Mapping[str, tuple[Callable[[Outcome], bool], Callable[[Outcome], bool]]]] = {
-    "class": (attrgetter("class_right"), methodcaller("named_with_true_law", SURE)),
-    "in the 90 % set": (attrgetter("in_set"), attrgetter("in_set_with_true_law")),
-}
-"""By mark: whether a record reaches it, and whether it does with the true law in the catalogue."""
 
 
 def own_law_lines(outcomes: Sequence[Outcome]) -> list[str]:
