@@ -197,11 +197,33 @@ def test_horizontal_doses_of_two_runs_add_up_along_the_sensor_s_own_axes(lean: t
     first = ContinuedExposure(Pipeline(subject(), settings=SETTINGS))
     push(first, np.array([0.02, 0.0, -1.0]), 1e6)
     second = continued(first, SETTINGS)
+    once, before = first.pipeline.seat(), second.pipeline.seat()
+    assert before.horizontal == "yaw_given"
+    assert before.vdv_weighted_mps175 == pytest.approx(once.vdv_weighted_mps175, rel=1e-6)
     push(second, np.array([*lean, -1.0]), 1e6 + 3600.0)
-    once, twice = first.pipeline.seat(), second.pipeline.seat()
+    twice = second.pipeline.seat()
     assert once.vdv_weighted_mps175["x"] > 50.0 * once.vdv_weighted_mps175["y"]
     assert twice.vdv_weighted_mps175["x"] == pytest.approx(2.0**0.25 * once.vdv_weighted_mps175["x"], rel=2e-3)
     assert twice.aw_weighted_mps2["x"] == pytest.approx(once.aw_weighted_mps2["x"], rel=2e-3)
+
+
+def test_a_restart_in_a_bend_adds_no_dose() -> None:
+    at_s = np.arange(round(40.0 * RATE_HZ)) / RATE_HZ
+    bend = 2.0 * np.interp(at_s, [8.0, 11.0], [0.0, 1.0])
+    accel = np.column_stack([bend, 0.0 * at_s, 9.81 + 0.3 * np.sin(2.0 * np.pi * 5.0 * at_s) * (at_s > 2.0)])
+    accel += 0.01 * np.random.default_rng(2).standard_normal(accel.shape)
+    stamps_ns = np.rint(1e9 * (1e6 + at_s)).astype(np.int64)
+
+    def push(exposure: ContinuedExposure, begin_s: float, end_s: float) -> ContinuedExposure:
+        for at in range(round(begin_s * RATE_HZ), round(end_s * RATE_HZ), 200):
+            exposure.push(SEAT, stamps_ns[at : at + 200], accel[at : at + 200])
+        return exposure
+
+    whole = push(ContinuedExposure(Pipeline(subject(), settings=SETTINGS)), 0.0, 40.0).pipeline.seat()
+    first = push(ContinuedExposure(Pipeline(subject(), settings=SETTINGS)), 0.0, 20.0)
+    second = push(continued(first, SETTINGS), 20.5, 40.0).pipeline.seat()
+    assert second.vdv_weighted_mps175["x"] == pytest.approx(whole.vdv_weighted_mps175["x"], rel=0.01)
+    assert whole.vdv_weighted_mps175["x"] < 0.2  # 0.85 if the filters start from zero
 
 
 def test_a_sensor_that_has_not_returned_has_no_rolling_figures() -> None:

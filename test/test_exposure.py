@@ -12,9 +12,11 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.conditioning.conditioner import Conditioner
 from biodyn_core.exposure.injury import DriMeter, HicMeter
 from biodyn_core.exposure.meters import BIN_S, SHORTEST_MSDV_S, Dose, DoseMeter, HorizontalMeter, motion_sickness_mps15
+from biodyn_core.exposure.sensor_meters import FIRST_LEVEL_S, SensorMeters
 from biodyn_core.pipeline.comparison import ResidualMeter
 from biodyn_core.signals.weighting import weighting_sections
 
@@ -358,6 +360,19 @@ def test_the_rolling_window_moves_on_over_a_break(name):
     assert np.isin(gone, [0.0, np.nan]).all() or np.isnan(gone).all()
 
 
+@pytest.mark.parametrize("name", METERS)
+@pytest.mark.parametrize("bins", [0, 1, 4, 9, 500])
+def test_the_rolling_window_ends_now_although_the_sensor_is_silent(name, bins):
+    length = round(BIN_S * RATE_HZ)
+    accel, absent_s = noise(5, 1.0, columns=METERS[name][0])[: 9 * length], bins * length / RATE_HZ
+    silent, skipped, present = (fed(name, accel, []) for _ in range(3))
+    silent.end_window(absent_s)
+    skipped.skip(absent_s)
+    np.testing.assert_allclose(figures(silent), figures(skipped), rtol=1e-9)
+    silent.end_window(0.0)
+    np.testing.assert_array_equal(figures(silent), figures(present))
+
+
 def test_parts_of_a_sample_add_up_over_many_breaks():
     meter = DriMeter(1000.0, WINDOW_S)
     for _ in range(1000):
@@ -438,6 +453,56 @@ def test_an_unsettled_tilt_adds_less_dose_than_a_start_from_zero(behind_s):
     left = math.exp(-(0.5 + behind_s) / LEVEL_S)
     leant = dose(lean[: round((3.0 + behind_s) * RATE_HZ)], "Wd").vdv_mps175
     assert found <= (leant**4 + (1.05 * left * from_zero) ** 4) ** 0.25 < from_zero
+
+
+def in_a_bend(seconds: float, bend_mps2: float) -> np.ndarray:
+    """Slow vibration in the plane, (n, 2), with the steady acceleration of a bend along its first axis."""
+    ride = np.hstack([sine(1.5, 0.3, seconds), sine(2.5, 0.2, seconds)])
+    return ride + np.array([bend_mps2, 0.0])
+
+
+@pytest.mark.parametrize("plane", [False, True])
+def test_a_run_that_begins_in_a_bend_has_the_dose_of_its_vibration(plane):
+    def fresh():
+        return HorizontalMeter(RATE_HZ, WINDOW_S) if plane else DoseMeter("Wd", RATE_HZ, 2, WINDOW_S)
+
+    straight, begun, from_zero = fresh(), fresh(), fresh()
+    straight.push(in_a_bend(30.0, 0.0))
+    bent = in_a_bend(30.0, 2.0)
+    begun.begin(bent[: math.ceil(FIRST_LEVEL_S * RATE_HZ)])
+    for meter in (begun, from_zero):
+        meter.push(bent)
+    assert vdv_of(begun) == pytest.approx(vdv_of(straight), rel=0.02)
+    assert vdv_of(from_zero) > 1.3 * vdv_of(straight)
+
+
+def block_of(rows: np.ndarray, begins_run: bool = False) -> Block:
+    """Levelled samples as a block, with nothing else."""
+    none = np.empty(0)
+    return Block(none.astype(np.int64), none, rows, none, begins_run, 0.0, 0, RATE_HZ, 100.0)
+
+
+@settings(max_examples=20, deadline=None)
+@given(cuts=st.lists(st.integers(0, 11_000), max_size=8).map(sorted), reads=st.integers(0, 8))
+def test_the_first_level_is_the_same_for_any_cut_and_any_reading(cuts, reads):
+    rows = np.hstack([in_a_bend(10.0, 2.0), sine(5.0, 1.0, 10.0) - 0.4])
+    whole, cut = (SensorMeters("seat", RATE_HZ, WINDOW_S, begins_in_motion=True) for _ in range(2))
+    whole.push(block_of(rows))
+    for i, part in enumerate(np.split(rows, cuts)):
+        cut.push(block_of(part))
+        if i <= reads:
+            cut.vertical(), cut.plane().along([0.0])
+    assert cut.vertical() == whole.vertical()
+    assert cut.plane().along([0.3])[1] == whole.plane().along([0.3])[1]
+
+
+def test_the_first_readings_wait_for_their_level_and_are_counted_all_the_same():
+    rows = np.hstack([in_a_bend(1.5, 2.0), sine(5.0, 1.0, 1.5)])
+    meters = SensorMeters("seat", RATE_HZ, WINDOW_S, begins_in_motion=True)
+    meters.push(block_of(rows))
+    assert not meters.has_level and meters.vertical().seconds == 0.0
+    meters.push(block_of(rows, begins_run=True))
+    assert meters.has_level and meters.vertical().seconds == pytest.approx(3.0, abs=2.0 / RATE_HZ)
 
 
 @pytest.mark.parametrize("weighting", ["Wk", "Wd"])

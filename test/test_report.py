@@ -550,6 +550,21 @@ def test_a_vertical_only_seat_is_a_lower_bound_and_its_vertical_is_none(tmp_path
         assert expected in text, expected
 
 
+def test_a_dead_axis_makes_the_horizontal_figures_alone_lower_bounds(tmp_path):
+    given = seat(
+        lower_bound=True, projected_lower_bound=True, horizontal="yaw_given",
+        aw_weighted_mps2={"x": 0.0313, "y": 0.0211, "z": 0.412},
+        vdv_weighted_mps175={"x": 0.213, "y": 0.111, "z": 2.317},
+    )  # fmt: skip
+    text = page_of(tmp_path, report(seat=given, sensors=losing("seat", Losses(0, 0.0, 0.0, 0.0, 30.0)))).text
+    for expected in (
+        "x >= 0.0313 >= 0.213 1.4 >= 0.0438 >= 0.298",
+        "y >= 0.0211 >= 0.111",
+        "z 0.412 2.32 1.0 0.412 2.32",
+    ):
+        assert expected in text, expected
+
+
 @pytest.mark.parametrize(
     ("zone", "tone", "headline"),
     [

@@ -192,6 +192,15 @@ def test_a_silent_seat_is_not_green_when_all_sensors_are_silent():
     assert shown["seat"]["left"] == {"action": "withheld", "limit": "withheld"}, "no time left is shown"
 
 
+def test_without_an_axis_no_topic_gives_a_time_left():
+    seat = Ride().drive(noisy_streams(**GENTLE)).pipeline.seat()
+    assert set(topics.seat_values(seat)) == {
+        f"{topics.EXPOSURE}/seat/{name}" for name in ("a8", "time_to_action_value", "time_to_limit_value")
+    }
+    dead = replace(seat, projected_lower_bound=True)
+    assert topics.seat_values(dead) == {f"{topics.EXPOSURE}/seat/a8": seat.a8_so_far_mps2}
+
+
 def test_when_all_sensors_are_silent_no_topic_gives_a_time_left_or_a_figure_of_the_window():
     ride = Ride().drive(noisy_streams(**GENTLE))
 

@@ -129,6 +129,11 @@ class Conditioner:
         self._state[kernel.TIME], self._state[kernel.LAST_STAMP] = math.nan, -math.inf
         self.rest, self._run_epoch_ns, self._known_from_ns = begun, stamp_ns, stamp_ns
 
+    @property
+    def begins_at_rest(self) -> bool:
+        """Whether its first conditioned samples follow a rest, and not motion with known or averaged gravity."""
+        return self.rest is not None and self._known_from_ns is None and not self.rest.in_motion
+
     # --- in and out --------------------------------------------------------------------------------------------------
 
     def push(self, stamps_ns: Integers, samples_mps2: Floats) -> list[Block]:

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from biodyn_core import kernels
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.signals.weighting import CURVES, WeightingName, weighting_sections
 
 Figures = TypeVar("Figures")
@@ -74,7 +75,8 @@ class Dose:
 class Tally:
     """Bins that close into a total since reset and a ring over the window.
 
-    The first `sums` columns of a bin are sums, the others maxima.
+    The first `sums` columns of a bin are sums, the others maxima. absent: bins between the last sample and the end of
+    the window, when it is read.
     """
 
     def __init__(self, rate_hz: float, channels: int, columns: int, sums: int, window_s: float) -> None:
@@ -86,6 +88,7 @@ class Tally:
         self.total = np.zeros((channels, columns))
         self.ring = np.zeros((max(1, math.ceil(window_s * rate_hz / self.length)), channels, columns))
         self.position = np.zeros(2, dtype=np.int64)
+        self.absent = 0
 
     def since_reset(self) -> Floats:
         """The total since reset, (c, k)."""
@@ -93,9 +96,16 @@ class Tally:
 
     def rolling(self) -> Floats:
         """The total of the window, (c, k)."""
-        past = self.ring.max(axis=0)
-        past[:, : self.sums] = self.ring[:, :, : self.sums].sum(axis=0)
+        ring = self.ring
+        if self.absent:  # the next slots have the oldest bins, which the window has left
+            ring = ring[(int(self.position[1]) + np.arange(min(self.absent, len(ring)), len(ring))) % len(ring)]
+        past = ring.max(axis=0, initial=0.0)
+        past[:, : self.sums] = ring[:, :, : self.sums].sum(axis=0)
         return self._join(past, self.bin)
+
+    def end_window(self, absent_s: float) -> None:
+        """Let the window end so long after the last sample, until this is called again."""
+        self.absent = int(absent_s * self._rate_hz / self.length)
 
     def _join(self, past: Floats, now: Floats) -> Floats:
         joined = np.maximum(past, now)
@@ -145,7 +155,8 @@ class _Weighting:
 
     A sensor that has tilted since its rest reads a constant, 1.7 m/s^2 at 10 degrees. Sections that start from zero
     take it for a step: a false VDV of 0.73 by Wd. So after a break they start in steady state for the level, the mean
-    of the readings within 1 g, which is zero at the very start. A change of level within a break remains a step.
+    of the readings within 1 g. A change of level within a break remains a step. At the very start the level is zero,
+    as at rest, unless `begin` gives another one.
     """
 
     def __init__(self, name: WeightingName, rate_hz: float, channels: int) -> None:
@@ -153,6 +164,13 @@ class _Weighting:
         self.state = np.zeros((len(self.sos), 2, channels))
         self.level = np.zeros(channels)
         self.follow = 1.0 - math.exp(-2.0 * math.pi * LEVEL_SHARE * CURVES[name].f1_hz / rate_hz)
+
+    def begin(self, accel_mps2: Floats) -> None:
+        """Start in steady state for the mean of the first readings (n, c), each clipped to 1 g; NaN is missing."""
+        clipped = np.clip(accel_mps2, -STANDARD_GRAVITY_MPS2, STANDARD_GRAVITY_MPS2)
+        given = np.isfinite(clipped)
+        self.level = np.where(given, clipped, 0.0).sum(axis=0) / np.maximum(given.sum(axis=0), 1)
+        self.restart()
 
     def restart(self) -> None:
         """Start after a break, in steady state for the level."""
@@ -172,6 +190,10 @@ class Meter(ABC, Generic[Figures]):
     def rolling(self) -> Figures:
         """The figures over the last `window_s`."""
         return self._figures(self._tally.rolling(), rolling=True)
+
+    def end_window(self, absent_s: float) -> None:
+        """Let the rolling window end so long after the last sample, until this is called again."""
+        self._tally.end_window(absent_s)
 
     @abstractmethod
     def _figures(self, rows: Floats, rolling: bool) -> Figures:
@@ -213,6 +235,10 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
         self._decay = 1.0 - math.exp(-1.0 / self._window)
         self._running = np.zeros(channels)
         self._tally = Tally(rate_hz, channels, 6, 3, window_s)
+
+    def begin(self, accel_mps2: Floats) -> None:
+        """Start in motion, before the first block: `accel_mps2` (n, c) are the first readings. See `_Weighting`."""
+        self._weighting.begin(accel_mps2)
 
     def push(self, accel_mps2: Floats) -> None:
         """Count a block (n, c)."""
@@ -264,6 +290,10 @@ class HorizontalMeter(Meter[Floats]):
         self._rate_hz, self._first_axis_rad = rate_hz, first_axis_rad
         self._weighting = _Weighting("Wd", rate_hz, 2)
         self._tally = Tally(rate_hz, 1, 9, 9, window_s)
+
+    def begin(self, accel_mps2: Floats) -> None:
+        """Start in motion, before the first block: `accel_mps2` (n, 2) are the first readings. See `_Weighting`."""
+        self._weighting.begin(accel_mps2)
 
     def push(self, accel_mps2: Floats) -> None:
         """Count a block (n, 2)."""

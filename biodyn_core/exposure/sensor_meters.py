@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -18,11 +19,18 @@ from biodyn_core.signals.weighting import WeightingName
 BATCH: Final = 128
 """Least samples that are counted at once, so that a prediction does not wait for exposure. No figure depends on it."""
 
+FIRST_LEVEL_S: Final = 2.0
+"""Length of the first readings whose mean is the level that weightings of a run without a rest start from.
+
+It is the time constant of the level of Wk and Wd (`LEVEL_SHARE`). These readings are counted late, not lost.
+"""
+
 
 class Batch:
-    """Collect the rows of one run until there are `BATCH` of them."""
+    """Collect the rows of one run until there are `least` of them."""
 
-    def __init__(self) -> None:
+    def __init__(self, least: int = BATCH) -> None:
+        self.least = least
         self._rows: list[Floats] = []
         self._size = 0
 
@@ -30,7 +38,7 @@ class Batch:
         """Add rows (n, c); return all collected rows once they are enough."""
         self._rows.append(rows)
         self._size += rows.shape[0]
-        return self.take() if self._size >= BATCH else None
+        return self.take() if self._size >= self.least else None
 
     def take(self) -> Floats | None:
         """Return all collected rows, None where there are none."""
@@ -44,7 +52,10 @@ class Batch:
 class SensorMeters:
     """Wk for every sensor; Wd, DRI and motion sickness for the seat; HIC for the head.
 
-    weightings: further ones of the vertical. first_axis_rad: see `HorizontalMeter`.
+    weightings: further ones of the vertical. first_axis_rad: see `HorizontalMeter`. begins_in_motion: the run does not
+    follow a rest, so weightings start from the mean of the readings of the first `FIRST_LEVEL_S`, which wait for it.
+
+    has_level: whether weightings have a level to start from. Before it nothing of this run is counted.
     """
 
     def __init__(
@@ -54,9 +65,11 @@ class SensorMeters:
         window_s: float,
         weightings: tuple[WeightingName, ...] = (),
         first_axis_rad: float = 0.0,
+        begins_in_motion: bool = False,
     ) -> None:
         self.rate_hz = rate_hz
-        self._batch = Batch()
+        self.has_level = not begins_in_motion
+        self._batch = Batch(BATCH if self.has_level else math.ceil(FIRST_LEVEL_S * rate_hz))
         self._vertical = DoseMeter("Wk", rate_hz, 1, window_s)
         self._further = {name: DoseMeter(name, rate_hz, 1, window_s) for name in weightings}
         self._plane = HorizontalMeter(rate_hz, window_s, first_axis_rad) if sensor == SEAT else None
@@ -75,7 +88,7 @@ class SensorMeters:
     def push(self, block: Block) -> None:
         """Count a block; nothing integrates across a break."""
         if block.begins_run:
-            self._count_batch()
+            self.finish()
             for meter in self._named.values():
                 meter.skip(block.gap_s)
         self._count(self._batch.add(block.levelled_mps2))
@@ -83,6 +96,8 @@ class SensorMeters:
     def _count(self, rows: Floats | None) -> None:
         if rows is None:
             return
+        if not self.has_level:
+            self._begin(rows)
         up = np.ascontiguousarray(rows[:, 2:])
         for meter in self._upward:
             meter.push(up)
@@ -91,8 +106,24 @@ class SensorMeters:
         for hic in self._hics.values():
             hic.push(rows)
 
-    def _count_batch(self) -> None:
+    def _begin(self, rows: Floats) -> None:
+        """Start the weightings from the level of the first rows."""
+        first = rows[: self._batch.least]
+        self.has_level, self._batch.least = True, BATCH
+        for meter in self._upward:
+            if isinstance(meter, DoseMeter):
+                meter.begin(first[:, 2:])
+        if self._plane:
+            self._plane.begin(first[:, :2])
+
+    def finish(self) -> None:
+        """Count the rows that wait, at the end of the run."""
         self._count(self._batch.take())
+
+    def _count_batch(self) -> None:
+        """Count the rows that wait, before a figure is read; the first ones wait until they show the level."""
+        if self.has_level:
+            self.finish()
 
     def vertical(self, rolling: bool = False) -> Dose:
         """The vertical, Wk."""
@@ -127,15 +158,20 @@ class SensorMeters:
         self._count_batch()
         return self._hics[name].rolling() if rolling else self._hics[name].since_reset()
 
+    def end_window(self, absent_s: float) -> None:
+        """Let rolling figures end so long after the last sample: it is absent, and the window moves on."""
+        for meter in self._named.values():
+            meter.end_window(absent_s)
+
     def reset(self) -> None:
         """Set everything "since reset" to zero."""
-        self._count_batch()
+        self.finish()
         for meter in self._named.values():
             meter.reset()
 
     def totals(self) -> dict[str, Floats]:
         """The totals since reset, by meter."""
-        self._count_batch()
+        self.finish()
         return {name: meter.totals() for name, meter in self._named.items()}
 
     def resume(self, totals: Mapping[str, Floats], break_s: float) -> None:

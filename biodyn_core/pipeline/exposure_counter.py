@@ -63,31 +63,41 @@ class ExposureCounter:
 
     def _first_meters(self, sensor: str) -> SensorMeters:
         conditioner = self._conditioners[sensor]
-        meters = self.new_meters(sensor, conditioner.rate_hz, conditioner.status().vertical)
+        vertical, in_motion = conditioner.status().vertical, not conditioner.begins_at_rest
+        meters = self.new_meters(sensor, conditioner.rate_hz, vertical, in_motion)
         if sensor in self.initial.sensors:
             meters.resume(self.initial.sensors[sensor].meters.totals(), self.break_s(sensor))
         return meters
 
-    def new_meters(self, sensor: str, rate_hz: float, vertical: Vector | None = None) -> SensorMeters:
+    def finish(self) -> None:
+        """Count what waits, at the end of the run."""
+        for meters in self.meters.values():
+            meters.finish()
+
+    def new_meters(
+        self, sensor: str, rate_hz: float, vertical: Vector | None = None, begins_in_motion: bool = False
+    ) -> SensorMeters:
         """Meters of a sensor that start at zero."""
-        first_rad = first_axis_rad(vertical) if vertical else 0.0
-        return SensorMeters(sensor, rate_hz, self._settings.window_s, self._settings.weightings(), first_rad)
+        first_rad, s = first_axis_rad(vertical) if vertical else 0.0, self._settings
+        return SensorMeters(sensor, rate_hz, s.window_s, s.weightings(), first_rad, begins_in_motion)
 
     def since_reset(self) -> dict[str, SensorMeters]:
         """The meters by sensor, also of sensors with initial exposure alone."""
-        return {name: one.meters for name, one in self.initial.sensors.items()} | self.meters
+        before = {name: one.meters for name, one in self.initial.sensors.items()}
+        return before | {name: one for name, one in self.meters.items() if one.has_level or name in before}
 
     def rolling(self, silent: Collection[str] = ()) -> dict[str, SensorMeters]:
-        """The meters of the sensors that sent usable samples within the window.
+        """The meters of the sensors that sent usable samples within the window, which ends now for all of them.
 
         silent: sensors that did not by another clock; stamps alone do not show that all sensors are silent.
         """
-        window_s = self._settings.window_s
-        return {
-            name: meters
-            for name, meters in self.meters.items()
-            if name not in silent and self.absence_s(name) <= window_s
-        }
+        found = {}
+        for name, meters in self.meters.items():
+            absent_s = self.absence_s(name)
+            if meters.has_level and name not in silent and absent_s <= self._settings.window_s:
+                meters.end_window(absent_s)
+                found[name] = meters
+        return found
 
     def losses(self, sensor: str) -> Losses:
         """The losses of a sensor since reset, initial ones included.

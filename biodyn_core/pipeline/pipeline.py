@@ -110,6 +110,7 @@ class Pipeline:
         held = self._whole_runs + [(name, block) for name, c in self.conditioners.items() for block in c.finish()]
         self._whole_runs = []
         frames = [self._process(name, [block]) for name, block in _in_turns(held)]
+        self.counter.finish()
         if self.predictor:
             frames.append(Frames(NO_PREDICTED, self.predictor.comparison.release(give_up=True)))
         return self._monitored(joined(frames))
@@ -173,6 +174,8 @@ class Pipeline:
         silent: sensors that are so by another clock than the stamps.
         """
         meters = self.counter.rolling(silent) if rolling else self.counter.since_reset()
+        if rolling and self.predictor:
+            self.predictor.end_window(self.counter.absence_s(SEAT))
         return exposure_of(meters, self.predictor, self.settings.weightings(), rolling)
 
     def seat(self, project: bool = False) -> SeatExposure | None:
@@ -189,10 +192,13 @@ class Pipeline:
         return seat_exposure(meters.vertical(), meters.plane(), yaw_rad, self.limits, quality, project)
 
     def _forward_rad(self, vertical: Vector | None) -> float | None:
-        """The vehicle's forward direction in the seat's levelled axes; None where yaw or vertical is unknown."""
-        if self.settings.yaw_deg is None or vertical is None:
+        """The vehicle's forward direction in the axes of the seat's horizontal meter; None where yaw is unknown.
+
+        Without a vertical the meter has initial exposure alone, which is along the seat's own axes.
+        """
+        if self.settings.yaw_deg is None:
             return None
-        return first_axis_rad(vertical) - math.radians(self.settings.yaw_deg)
+        return (first_axis_rad(vertical) if vertical else 0.0) - math.radians(self.settings.yaw_deg)
 
     def status(self, sensor: str) -> SensorStatus:
         """The state of a sensor's conditioning."""

@@ -142,6 +142,11 @@ class SeatPredictor:
         pairs = zip(MEASURED_SEGMENTS, rms.tolist(), percent.tolist(), strict=True)
         return {name: (value, share) for name, value, share in pairs if not math.isnan(value)}
 
+    def end_window(self, absent_s: float) -> None:
+        """Let rolling figures end so long after the seat's last sample."""
+        for meter in self._meters.values():
+            meter.end_window(absent_s)
+
     def totals(self) -> dict[str, Floats]:
         """Totals since reset: by meter, and the predictor's own."""
         self._count_all()

@@ -86,10 +86,14 @@ def exposure_values(exposure: Exposure, root: str) -> dict[str, float]:
 
 
 def seat_values(seat: SeatExposure | None, at_fault: bool = False) -> dict[str, float]:
-    """The seat's exposure and times to its limits; an unknown time is absent, and every time while it is at fault."""
+    """The seat's exposure and times to its limits.
+
+    An unknown time is absent. Every time is absent while the seat is at fault, and where it has no data of an axis:
+    then a limit may be reached earlier.
+    """
     if seat is None:
         return {}
-    if at_fault:
+    if at_fault or seat.projected_lower_bound:
         return {f"{EXPOSURE}/seat/a8": seat.a8_so_far_mps2}
     values = {
         "a8": seat.a8_so_far_mps2,

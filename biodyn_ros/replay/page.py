@@ -7,6 +7,7 @@ from typing import Any
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_core.exposure.joint_forces import JOINT_NAMES
 from biodyn_core.exposure.limit_assessment import HORIZONTAL_FACTOR, SeatExposure
+from biodyn_core.exposure.losses import Losses
 from biodyn_ros import __version__
 from biodyn_ros.base.wording import FORCES_NOT_MEASURED, LIFTS_OFF, words
 from biodyn_ros.reading.provenance import MADE_BY_MODEL
@@ -14,7 +15,7 @@ from biodyn_ros.replay.traces import Traces
 from biodyn_ros.reports.doses import VDV_LABEL, Pair, doses
 from biodyn_ros.reports.exposure_report import ChannelExposure, ExposureReport
 from biodyn_ros.reports.frequency import powers, residual_channels, transmissibility, waterfall
-from biodyn_ros.reports.meter import meter_readings
+from biodyn_ros.reports.meter import AxisReading, axis_reading, meter_readings
 from biodyn_ros.reports.motion import envelopes, overlay
 from biodyn_ros.reports.pages import check_reports, render
 from biodyn_ros.reports.verdict import ZONE, seat_verdict
@@ -49,7 +50,7 @@ def replay_page(report: ExposureReport, traces: Traces) -> str:
         segments=[name for name in SEGMENTS if name in report.predicted],
         sensors=[name for name in SENSORS if name in report.sensors],
         worst=_worst_residual(report),
-        seat_axes=_seat_axes(seat) if seat else [],
+        seat_axes=_seat_axes(seat, channel.losses) if seat and channel else [],
         event=event,
         event_s=1e-9 * (event.peak_ns - origin_ns) if event else None,
         bin_s=1e-9 * max(predicted.width_ns, measured.width_ns),
@@ -72,10 +73,11 @@ def frequency_parts(report: ExposureReport, traces: Traces, origin_ns: int) -> d
     }
 
 
-def _seat_axes(seat: SeatExposure) -> list[tuple[str, float, float, float]]:
-    """Axis, factor k, aw and VDV without k, for every known axis."""
-    aw, vdv = seat.aw_weighted_mps2, seat.vdv_weighted_mps175
-    return [(axis, 1.0 if axis == "z" else HORIZONTAL_FACTOR, aw[axis], vdv[axis]) for axis in aw]
+def _seat_axes(seat: SeatExposure, losses: Losses) -> list[tuple[AxisReading, float]]:
+    """The reading and the factor k of every known axis."""
+    return [
+        (axis_reading(axis, seat, losses), 1.0 if axis == "z" else HORIZONTAL_FACTOR) for axis in seat.aw_weighted_mps2
+    ]
 
 
 def _worst_residual(report: ExposureReport) -> tuple[str, float] | None:

@@ -49,7 +49,7 @@ def meter_readings(seat: SeatExposure | None, channel: ChannelExposure | None) -
     dose, losses = channel
     return MeterReadings(
         counted_s=seat.seconds,
-        axes=tuple(_axis(axis, seat, losses) for axis in AXES),
+        axes=tuple(axis_reading(axis, seat, losses) for axis in AXES),
         mtvv_mps2=dose.mtvv_mps2,
         peak_mps2=dose.peak_mps2,
         lower_bound=losses.lower_bound,
@@ -58,7 +58,8 @@ def meter_readings(seat: SeatExposure | None, channel: ChannelExposure | None) -
     )
 
 
-def _axis(axis: str, seat: SeatExposure, losses: Losses) -> AxisReading:
+def axis_reading(axis: str, seat: SeatExposure, losses: Losses) -> AxisReading:
+    """The reading of x, y, z or `worst_direction`."""
     aw, vdv = seat.aw_weighted_mps2, seat.vdv_weighted_mps175
     known = axis if axis in aw else "worst_direction"
     lower = losses.lower_bound if axis == "z" else seat.lower_bound
