@@ -524,6 +524,10 @@ def test_a_campaign_is_no_greener_than_its_subjects(tones: tuple[str, str], tone
     mixed = campaign_verdict(CampaignReport("", rows), fits | {"ben": dataclasses.replace(good, mass_matrix="cascade")})
     (line,) = (line for line in mixed.reasons if "different models" in line)
     assert line.endswith("by mass matrix: segment: anna; cascade: ben.")
+    belted = dataclasses.replace(good, effects=(("friction", "neck"), ("harness", "pelvis")))
+    mixed = campaign_verdict(CampaignReport("", rows), fits | {"ben": belted})
+    (line,) = (line for line in mixed.reasons if "different models" in line)
+    assert line.endswith("by effects: none: anna; friction (neck) and harness (pelvis): ben.")
 
 
 def test_a_page_that_cannot_be_drawn_costs_no_subject(

@@ -128,6 +128,7 @@ def test_few_data_of_people_of_the_population_give_better_parameters_with_the_pr
         alone, found, _ = fits_of_the_head(number)
         assert parameter_error(found, truth) < 0.7 * parameter_error(alone, truth)
         assert found.prior is not None and found.settings == alone.settings
+        assert found.refined.costs.size == 2 and 1 <= found.reached <= 2  # from the fit and from the mean of the prior
 
 
 def test_ample_data_hardly_notice_the_prior() -> None:

@@ -52,6 +52,17 @@ def test_a_missing_segment_is_left_out_and_reported() -> None:
     assert np.isnan(found.nrmse_rms_percent[[1, 3]]).all() and found.mean_percent == 0.0
 
 
+def test_a_prediction_that_diverges_while_a_segment_is_missing_is_unstable_for_all() -> None:
+    recording = some_recording()
+    recording.measured_mps2[BEGIN + 1000 :, 4] = np.nan
+    case = fitting.ready(*_pair(recording))
+    predicted = case.measured_mps2.copy()
+    predicted[BEGIN + 1200 :] = np.nan
+    assert case.fitted[-1] == "head"
+    found = errors(case, predicted)
+    assert found.is_unstable and np.isnan(found.nrmse_rms_percent).all()
+
+
 def test_an_unstable_prediction_is_worse_than_any_other() -> None:
     """Its error is infinite, not NaN, which would be neither smaller nor larger than others."""
     case = fitting.ready(*_pair(some_recording()))

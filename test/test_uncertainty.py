@@ -6,6 +6,7 @@ import fitting
 import numpy as np
 import pytest
 from scipy import signal
+from scipy.interpolate import CubicSpline
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.quantiles import NORMAL_95
@@ -297,6 +298,38 @@ def test_a_profile_is_that_of_the_recordings_also_where_the_fit_is_not_at_their_
     one, other = (profile(dataclasses.replace(settled, subject=of), [case], name) for of in (settled.subject, moved))
     assert other.rise.min() == 0.0
     assert (other.lower, other.upper) == (pytest.approx(one.lower, rel=1e-4), pytest.approx(one.upper, rel=1e-4))
+
+
+def test_a_misfit_does_not_contain_the_clocks_that_the_fit_estimates() -> None:
+    """A sensor that is 1 ms late is predicted worse, and determines the parameters as well."""
+    subject, seat = fitting.drawn(26, "segment"), fitting.seat_motion("road", 6.0, 4)
+    accel = answered(subject, seat) + coloured((seat.size, 5), np.random.default_rng(1))
+    late = CubicSpline(np.arange(len(accel)), accel)(np.arange(len(accel)) - 1e-3 * fitting.RATE_HZ)
+    one, other = (fitted(subject, [fitting.ready(seat, values)]) for values in (accel, late))
+    assert other.error_percent > 1.2 * one.error_percent
+    assert other.misfit_percent == pytest.approx(one.misfit_percent, rel=0.02)
+    trusting = fitted(subject, [fitting.ready(seat, late)], FitSettings(lambda_2=0.0, clocks="trusted"))
+    assert trusting.misfit_percent == pytest.approx(trusting.error_percent, rel=1e-9)
+
+
+def test_intervals_contain_the_minimum_that_a_regularization_keeps_the_fit_away_from() -> None:
+    subject, seat = fitting.drawn(26, "segment"), fitting.seat_motion("pothole", 6.0, 4)
+    case = fitting.ready(seat, answered(subject, seat) + coloured((seat.size, 5), np.random.default_rng(1)))
+    free = fitted(subject, [case])
+    reference = 1.2 * fitting.theta_of(free.subject)
+    problem = TimeDomain([case], subject, RegularizationTerm(reference, 1e-3), free.settings.clocks)
+    start, end = fitting.theta_of(free.subject), np.full(15, np.nan)
+    end, _ = least_squares(problem, start, free.settings.free, 2000)
+    drawn = dataclasses.replace(subject, parameters=Parameters.from_vector(end))
+    held = dataclasses.replace(free, subject=drawn, refined=dataclasses.replace(free.refined, theta=end))
+    widths, own = (
+        {one.name: one.half_width for one in uncertainty(fit, [case]).estimates if not one.at_bound}
+        for fit in (held, free)
+    )
+    away = {name: abs(float(np.log(end[i] / start[i]))) for i, name in enumerate(NAMES)}
+    assert max(away[name] / own[name] for name in own) > 1.5  # the intervals of the minimum do not contain the fit
+    for name, width in widths.items():
+        assert away[name] < width, name
 
 
 def test_the_colour_of_the_low_pass_does_not_count() -> None:

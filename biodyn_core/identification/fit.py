@@ -29,7 +29,8 @@ class Fit:
     """One theta fitted to one case or several: the subject with it, and the result of phase 2 in `refined`.
 
     clock_delays_s (cases, 5, 2) is empty where clocks are trusted; at_bound names parameters on a bound of Table 1;
-    prior: the term of a fit with a prior.
+    prior: the term of a fit with a prior. misfit_percent: J of Eq. 35 of what was minimised, so without the part of
+    estimated clock delays, which `errors` contain.
     """
 
     subject: Subject
@@ -38,6 +39,7 @@ class Fit:
     errors: tuple[Errors, ...]
     at_bound: tuple[str, ...]
     clock_delays_s: Floats
+    misfit_percent: float
     prior: PriorTerm | None = None
 
     @classmethod
@@ -47,13 +49,15 @@ class Fit:
     ) -> Fit:  # fmt: skip
         """The fit from the result of phase 2 for these cases."""
         found = dataclasses.replace(subject, parameters=Parameters.from_vector(refined.theta), provenance={})
+        problem = TimeDomain(cases, found, RegularizationTerm(refined.theta, 0.0), settings.clocks)
         return cls(
             subject=found,
             settings=settings,
             refined=refined,
             errors=prediction_errors(found, cases),
             at_bound=at_bound(refined.theta, settings.free),
-            clock_delays_s=_clock_delays_s(found, cases, settings),
+            clock_delays_s=_clock_delays_s(problem, refined.theta, settings),
+            misfit_percent=_misfit_percent(problem, refined.theta),
             prior=prior,
         )
 
@@ -143,9 +147,14 @@ def at_bound(theta: Floats, free: Flags, within: float = AT_BOUND) -> tuple[str,
     return tuple(p.name for p, flag in zip(PARAMETERS, on_bound, strict=True) if flag)
 
 
-def _clock_delays_s(subject: Subject, cases: Sequence[Case], settings: FitSettings) -> Floats:
+def _clock_delays_s(problem: TimeDomain, theta: Floats, settings: FitSettings) -> Floats:
     if settings.clocks == "trusted":
         return np.empty((0, len(MEASURED_SEGMENTS), 2))
-    theta = subject.parameters.vector()
-    problem = TimeDomain(cases, subject, RegularizationTerm(theta, 0.0), settings.clocks)
-    return np.array([problem.clock_delays_s(number, theta) for number in range(len(cases))])
+    return np.array([problem.clock_delays_s(number, theta) for number in range(len(problem.cases))])
+
+
+def _misfit_percent(problem: TimeDomain, theta: Floats) -> float:
+    misses = (problem.residuals(number, theta) for number in range(len(problem.cases)))
+    return mean_percent(
+        [errors(case, case.measured_mps2 + miss) for case, miss in zip(problem.cases, misses, strict=True)]
+    )

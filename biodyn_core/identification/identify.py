@@ -150,7 +150,7 @@ def identify(
         cases=tuple(cases),
         settings=s,
         fits=fits,
-        idealized=idealize([FittedCase(fit.errors[0].case, fit.subject, fit.error_percent) for fit in fits]),
+        idealized=idealize([FittedCase(fit.errors[0].case, fit.subject, fit.misfit_percent) for fit in fits]),
         joint=without_prior if prior is None else maximum_a_posteriori(without_prior, cases, prior),
         without_prior=without_prior,
         other=Fit.of(other, cases, twin, s),

@@ -73,7 +73,7 @@ def maximum_a_posteriori(alone: Fit, cases: Sequence[Case], prior: Distribution)
         ends = [least_squares(problem, interior(start, free), free, alone.settings.evaluations) for start in starts]
         theta = min(ends, key=lambda end: end[1])[0]
         known = parameters_known(problem, theta, free)
-        starts, evaluations = [theta], evaluations + problem.evaluations
+        starts, evaluations = [end for end, _ in ends], evaluations + problem.evaluations
     refined = dataclasses.replace(
         alone.refined,
         theta=theta,

@@ -156,10 +156,15 @@ class Errors:
 
 
 def errors(case: Case, accel_mps2: Floats) -> Errors:
-    """Errors of absolute accelerations (n, 5) against a case, without warm-up and masks."""
+    """Errors of absolute accelerations (n, 5) against a case, without warm-up and masks.
+
+    A simulation that is unstable in the compared samples of one segment is unstable for all.
+    """
     count = np.where(case.energy > 0.0, case.compared.sum(axis=0), np.nan)
     with np.errstate(over="ignore"):  # the square of an unstable simulation
         rms = np.sqrt((np.where(case.compared, accel_mps2 - case.measured_mps2, 0.0) ** 2).sum(axis=0) / count)
+    if np.isnan(rms[case.energy > 0.0]).any():
+        rms[:] = np.nan
     highest = np.where(case.compared, case.measured_mps2, -np.inf).max(axis=0)
     lowest = np.where(case.compared, case.measured_mps2, np.inf).min(axis=0)
     return Errors(case.name, case.case, 100.0 * rms / np.sqrt(case.energy / count), 100.0 * rms / (highest - lowest))

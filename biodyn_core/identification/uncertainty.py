@@ -4,6 +4,7 @@ Residuals are coloured, correlated with the input, and common to all sensors whe
 assumption of white noise would give intervals several times too short (sandwich: White 1982; lags: Newey and West
 1987). A few shocks determine most of stiffening and the fit adapts to them, so each window is left out in turn
 (moving-block jackknife: Kuensch 1989). Sensor errors that last a whole recording do not average out and are added.
+A regularization, or a descent that ends early, holds theta off the minimum of the misfit: that distance is added too.
 Model error is not included.
 """
 
@@ -86,7 +87,11 @@ def uncertainty(fit: Fit, cases: Sequence[Case], settings: UncertaintySettings |
     s = settings or UncertaintySettings()
     theta = fit.subject.parameters.vector()
     inside = off_bounds(fit)
-    covariance, _ = covariance_of(fit.objective(cases), theta, inside, s)
+    problem = fit.objective(cases)
+    covariance, inverse = covariance_of(problem, theta, inside, s)
+    residual, slopes = problem.linearised(theta, inside)
+    to_minimum = inverse @ (slopes.T @ residual)  # one Gauss-Newton step, without the regularization
+    covariance += np.outer(to_minimum, to_minimum)
     half, learned = np.full(theta.size, math.inf), np.ones(theta.size)
     half[inside] = NORMAL_95 * np.sqrt(np.diag(covariance))
     if fit.prior:

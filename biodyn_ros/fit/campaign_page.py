@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 from biodyn_core.base.wording import counted
 from biodyn_ros import __version__
-from biodyn_ros.base.wording import number
+from biodyn_ros.base.wording import number, words
 from biodyn_ros.fit.campaign_results import CampaignReport, page_of
 from biodyn_ros.fit.drawings import MARKERS, subjects
 from biodyn_ros.fit.fitting import json_beside
@@ -71,9 +71,10 @@ def campaign_verdict(report: CampaignReport, fits: Mapping[str, FitSummary]) -> 
         reasons.append(f"On events not fitted to: {_span(known)} %.")
     if unknown := [name for name, fit in fits.items() if fit.held_out_percent is None]:
         reasons.append(f"Prediction error unknown, since nothing was held out: {', '.join(unknown)}.")
-    if len(matrices := _by_matrix(fits)) > 1:
-        listed = "; ".join(f"{matrix}: {', '.join(names)}" for matrix, names in matrices.items())
-        reasons.append(f"Parameters of different models, not to be compared, by mass matrix: {listed}.")
+    for what, models in _models(fits).items():
+        if len(models) > 1:
+            listed = "; ".join(f"{model}: {', '.join(names)}" for model, names in models.items())
+            reasons.append(f"Parameters of different models, not to be compared, by {what}: {listed}.")
     tones = {name: fit_verdict(fit).tone for name, fit in fits.items()}
     diverging = [name for name, fit in fits.items() if fit.unstable]
     if diverging:
@@ -85,11 +86,13 @@ def campaign_verdict(report: CampaignReport, fits: Mapping[str, FitSummary]) -> 
     return Verdict(next(tone for tone in WORST_FIRST if tone in all_tones), headline, tuple(reasons))
 
 
-def _by_matrix(fits: Mapping[str, FitSummary]) -> dict[str, list[str]]:
-    """The names of the subjects by the mass matrix that they were fitted with."""
-    found: dict[str, list[str]] = {}
+def _models(fits: Mapping[str, FitSummary]) -> dict[str, dict[str, list[str]]]:
+    """The names of the subjects by the mass matrix, and by the effects, that they were fitted with."""
+    found: dict[str, dict[str, list[str]]] = {"mass matrix": {}, "effects": {}}
     for name, fit in fits.items():
-        found.setdefault(fit.mass_matrix, []).append(name)
+        effects = " and ".join(f"{effect} ({words(site)})" if site else effect for effect, site in fit.effects)
+        found["mass matrix"].setdefault(fit.mass_matrix, []).append(name)
+        found["effects"].setdefault(effects or "none", []).append(name)
     return found
 
 

@@ -9,6 +9,7 @@ from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.body import parameter_spread, usual_residual
 from biodyn_core.body.subject import Subject
+from biodyn_core.identification.compare import body_effects
 from biodyn_core.identification.fit import Fit, mean_percent
 from biodyn_core.identification.problem import Errors
 from biodyn_core.identification.profiles import Profile
@@ -29,6 +30,7 @@ def fit_document(report: Report) -> Document:
     return {
         "subject": report.given.name,
         "body_mass_kg": report.given.body_mass_kg,
+        "effects": [applied.to_dict() for applied in body_effects(report.given)],
         "result": report.result,
         "parameters": _parameters(found.subject),
         "cases": [_case(event, fit) for event, fit in zip(report.fitted, found.fits, strict=True)],

@@ -95,11 +95,17 @@ def fit_bags(
         better_mass_matrix=better,
         mass_matrix_percent=mass_matrix_percent,
         seed=o.seed,
-        dealt=dealt_line(prepared, o.seed) if o.auto_held_out else None,
+        dealt=_dealt_line(prepared, len(fitted), o.seed) if o.auto_held_out else None,
         warnings=(*events.left_out, *warnings_of([*fitted, *spare]), *reuse_warnings(subject, spare)),
         seconds=time.monotonic() - begin,
         usual_residual=usual_residual(found.subject, held_out),
     )
+
+
+def _dealt_line(prepared: Sequence[Prepared], fitted: int, seed: int) -> str:
+    line = dealt_line(prepared, seed)
+    to_fit = sum(not event.held_out for event, _ in prepared)
+    return line if to_fit == fitted else f"{line}; of those to fit, the representative one of each condition is fitted"
 
 
 def _predicted(found: Identification, fitted: Sequence[Prepared], spare: Sequence[Prepared]) -> Iterator[FitEvent]:

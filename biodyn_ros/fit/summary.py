@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.wording import counted
+from biodyn_core.identification.compare import body_effects
 from biodyn_core.identification.uncertainty import Estimate, Identifiability
 from biodyn_ros.base.json_files import read_json
 from biodyn_ros.base.wording import number, parameter_name
@@ -26,7 +27,8 @@ class FitSummary:
     """The results of a fit that decide its verdict.
 
     fitted, held_out: the mean error of the resulting subject in each event, percent. mass_matrix: the declared one.
-    reached: how many of the refined starts of the joint fit reached the lowest objective.
+    effects: on body and seat, beside which theta was fitted, each with its site. reached: how many of the refined
+    starts of the joint fit reached the lowest objective.
     """
 
     fitted: tuple[float, ...]
@@ -37,6 +39,7 @@ class FitSummary:
     reached: int
     starts: int
     is_made_by_model: bool
+    effects: tuple[tuple[str, str], ...] = ()
 
     @property
     def percents(self) -> tuple[float, ...]:
@@ -74,6 +77,7 @@ def summary_of(report: Report) -> FitSummary:
         reached=report.joint.reached,
         starts=report.joint.refined.costs.size,
         is_made_by_model=bool(without_note(report.warnings)[0]),
+        effects=tuple(sorted((one.effect.name, one.site) for one in body_effects(report.given))),
     )
 
 
@@ -105,6 +109,7 @@ def _of_document(document: Any) -> FitSummary:
         reached=starts["reached"],
         starts=starts["of"],
         is_made_by_model=bool(without_note(document["warnings"])[0]),
+        effects=tuple(sorted((one["name"], one["site"]) for one in document.get("effects", []))),
     )
 
 

@@ -157,6 +157,8 @@ def _matrix_line(report: Report) -> str:
         for name, percent in percents.items()
     )
     where = "events held out" if report.held_out else "the fitted events"
+    if report.joint.prior is not None:
+        where += " without the prior"
     if not any(map(math.isfinite, percents.values())):
         return f"mass matrix: not compared, because the model diverges with both on {where}"
     if better is None:

@@ -53,7 +53,7 @@ def by_the_paper(person: Person) -> Found:
     """Each case by itself, then fused (Zaman et al., 6 and 7)."""
     begin = time.perf_counter()
     fits = fit_cases(person.training, initial_subject(person), SEED, PAPER)
-    fitted = [FittedCase(c.case, f.subject, f.error_percent) for c, f in zip(person.training, fits, strict=True)]
+    fitted = [FittedCase(c.case, f.subject, f.misfit_percent) for c, f in zip(person.training, fits, strict=True)]
     subject = idealize(fitted).subject
     return Found(subject, time.perf_counter() - begin)
 
