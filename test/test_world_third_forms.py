@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from hidden_forms import PERSON, followed, k_b, made, moment, shaken, tension
-from scipy import integrate
+from scipy import integrate, special
 from world import seats, sensors
 from world.effects import third_forms
 from world.effects.effect import Effect
@@ -229,16 +229,18 @@ def test_third_necks_shorten_at_both_hinges(monkeypatch: pytest.MonkeyPatch) -> 
     assert (at, stretch[0], rate[0]) == (neck.site, 0.2 * neck.strength, 0.5 * neck.strength)
 
 
-def test_third_engines_have_two_close_lines() -> None:
-    one = third("BeatingShafts", frequency_hz=20.0, apart_hz=0.5)
+def test_a_third_engine_has_its_firing_order_and_quarters_of_it_at_standstill_too() -> None:
+    one = third("MisfiringEngine", firing_hz=20.0, sharpness=2.0, weak=0.4)
     t = np.arange(round(40.0 * seats.RATE_HZ)) / seats.RATE_HZ
     rest = Event("rail", "synthetic", 7.0, np.zeros((t.size, 3)), np.zeros((t.size, 2)), 36.0)
     shake = one.signals(rest, PERSON)[:, 0]
-    assert not shake[t < 2.4].any() and not shake[t > 38.6].any()
-    inside = (t >= 3.0) & (t < 37.0)  # whole turns of both lines
-    for hz, size in ((20.0, 1.0), (20.5, one.other), (21.0, 0.0)):
-        line = 2.0 * np.abs((np.exp(-2j * np.pi * hz * t) * shake)[inside].mean())
-        assert line == pytest.approx(size, abs=2e-3)
+    assert shake[t < 2.0].std() == pytest.approx(shake[(t >= 10.0) & (t < 12.0)].std(), rel=1e-3)
+    assert abs(shake.mean()) < 1e-3
+    lines = {hz: 2.0 * np.abs((np.exp(-2j * np.pi * hz * t) * shake).mean()) for hz in (5.0, 10.0, 20.0, 40.0, 23.0)}
+    # Three whole pulses and one of 0.6: I1(k) / I1(k) times their mean, and the second order by I2 / I1.
+    assert lines[20.0] == pytest.approx(0.9, rel=2e-3)
+    assert lines[40.0] == pytest.approx(0.9 * special.iv(2, 2.0) / special.iv(1, 2.0), rel=2e-3)
+    assert min(lines[5.0], lines[10.0]) > 0.02 and lines[23.0] < 1e-3  # every fourth pulse is weak
 
 
 def test_third_skins_follow_their_transfer() -> None:

@@ -482,20 +482,21 @@ class TwoHingedNeck(Effect):
 
 
 @dataclass(frozen=True)
-class BeatingShafts(Effect):
-    """Two shafts that turn at nearly the same speed, so that their lines beat: periodic."""
+class MisfiringEngine(Effect):
+    """An engine of four cylinders, one of which burns weakly: a train of pulses, at standstill too: periodic."""
 
-    frequency_hz: float = between(12.0, 30.0)
-    apart_hz: float = between(0.3, 1.2)
-    other: float = between(0.4, 0.9)
+    firing_hz: float = between(12.0, 30.0)
+    sharpness: float = between(1.5, 4.0)
+    weak: float = between(0.2, 0.8)
 
     kind, family, unit, strengths, sites = "periodic", "periodic", "m/s^2", (0.3, 1.5), JOINTS
 
     def signals(self, event: Event, person: Person) -> Floats:
-        """Motion has cos(2 pi f t) + other cos(2 pi (f + apart) t), t since the sitting began, (n, 1)."""
-        turns = 2.0 * np.pi * (event.begin_s + event.time_s)
-        lines = np.cos(self.frequency_hz * turns) + self.other * np.cos((self.frequency_hz + self.apart_hz) * turns)
-        return (event.moving * lines)[:, None]
+        """Pulses exp(k (cos phi - 1)) less their mean, (n, 1), every fourth one lower; the first order is about 1."""
+        phi = 2.0 * np.pi * self.firing_hz * (event.begin_s + event.time_s)
+        size = np.where(np.rint(phi / (2.0 * np.pi)) % 4 == 0, 1.0 - self.weak, 1.0)
+        k, mean = self.sharpness, (1.0 - 0.25 * self.weak) * special.i0e(self.sharpness)
+        return ((size * np.exp(k * (np.cos(phi) - 1.0)) - mean) / (2.0 * special.i1e(k)))[:, None]
 
     def act(self, now: Moment, own: Floats) -> None:
         """F = e m times the signal."""
@@ -756,7 +757,7 @@ class BracesInCurves(Effect):
 FORMS: Final[tuple[type[Effect], ...]] = (
     NeoHookeanPad, GuyWires, CartilageFilm, TurbulenceBuildsUp, JenkinRow, ColemanHodgdon, StretchedExponential,
     EyringDashpot, WorkBreaksBonds, SlumpsSlowly, StartleLetsGo, TwoLoops, PeelsOffTheSeat, FoamWithAir, OrganOnOrgan,
-    ReclinedBackOpens, WebbingWithBuckle, HoppingLoad, RocksAtTheHip, TwistingFrame, TwoHingedNeck, BeatingShafts,
+    ReclinedBackOpens, WebbingWithBuckle, HoppingLoad, RocksAtTheHip, TwistingFrame, TwoHingedNeck, MisfiringEngine,
     ZenerSkin, LeansWithThrust, SawtoothBuffer, BesideTheCentre, OverloadRecovery, LevelTunedMuscle,
     SlewLimitedDamper, TetheredHead, AbsorberUnderThePan, FeedForwardNeck, CommunicatingJoints, ArmsOnTheWheel,
     BracesInCurves,
