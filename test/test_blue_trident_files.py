@@ -133,6 +133,7 @@ BROKEN: dict[str, tuple[bytes, str]] = {
     "an absurd rate": (GOOD.replace("250\r", "1e300\r").encode(), "the rate is 1e300 Hz, allowed: 10 to"),
     "a rate of nan": (GOOD.replace("250\r", "nan\r").encode(), "the rate is nan"),
     "an unknown unit": (GOOD.replace("mm/s²", "furlong").encode(), "unit 'furlong' is unknown"),
+    "two units": (GOOD.replace("mm/s²", "m/s²", 1).encode(), "has the units m/s², mm/s², mm/s²: give one unit"),
     "no sensor": (GOOD.replace("accel", "force").encode(), "no sensor with a channel '"),
     "a sensor twice": (
         nexus_text({"TS-1": still(20), "TS-2": still(20)}).replace("TS-2", "TS-1").encode(),

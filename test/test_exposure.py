@@ -496,6 +496,22 @@ def test_the_first_level_is_the_same_for_any_cut_and_any_reading(cuts, reads):
     assert cut.plane().along([0.3])[1] == whole.plane().along([0.3])[1]
 
 
+def test_a_checkpoint_or_a_reset_does_not_end_the_wait_for_the_first_level():
+    rows = np.hstack([in_a_bend(10.0, 2.0), sine(5.0, 1.0, 10.0)])
+    whole, stored, reset = (SensorMeters("seat", RATE_HZ, WINDOW_S, begins_in_motion=True) for _ in range(3))
+    at = round(0.7 * RATE_HZ)
+    whole.push(block_of(rows))
+    stored.push(block_of(rows[:at]))
+    assert not stored.totals()["vertical"].any()
+    stored.push(block_of(rows[at:]))
+    assert stored.vertical() == whole.vertical() and stored.plane().along([0.3])[1] == whole.plane().along([0.3])[1]
+    reset.push(block_of(rows[:at]))
+    reset.reset()
+    reset.push(block_of(rows[at:]))
+    assert reset.vertical().seconds == pytest.approx(10.0 - at / RATE_HZ)
+    assert vdv_of(reset.plane()) == pytest.approx(vdv_of(whole.plane()), rel=0.05)
+
+
 def test_the_first_readings_wait_for_their_level_and_are_counted_all_the_same():
     rows = np.hstack([in_a_bend(1.5, 2.0), sine(5.0, 1.0, 1.5)])
     meters = SensorMeters("seat", RATE_HZ, WINDOW_S, begins_in_motion=True)

@@ -27,6 +27,7 @@ from biodyn_ros.bag.cdr import encode_imu
 from biodyn_ros.base import topics
 from biodyn_ros.base.resources import subject_file
 from biodyn_ros.node.exposure_store import ExposureStore, StateFile, identity_of, state_path
+from biodyn_ros.node.first_stamps import FirstStamps
 
 IDENTITY = identity_of(subject(), topics.INPUT)
 
@@ -79,6 +80,7 @@ def test_the_path_is_given_or_in_the_user_s_state_directory(monkeypatch: pytest.
     assert state_path("/var/lib/x.json", "/biodyn") == Path("/var/lib/x.json")
     monkeypatch.setenv("XDG_STATE_HOME", "/s")
     assert state_path("", "/car_2/biodyn") == Path("/s/biodyn/car_2.biodyn.json")
+    assert state_path("", "/biodyn", 7) == Path("/s/biodyn/biodyn.domain_7.json")
     monkeypatch.delenv("XDG_STATE_HOME")
     monkeypatch.setenv("HOME", "/home/anna")
     assert state_path("", "/biodyn") == Path("/home/anna/.local/state/biodyn/biodyn.json")
@@ -91,9 +93,20 @@ def test_a_saved_file_is_readable_by_its_owner_alone(tmp_path: Path) -> None:
     file.save(checkpoint())
     file.close(checkpoint())
     assert stat.S_IMODE(file.path.stat().st_mode) == 0o600
-    assert [path.name for path in file.path.parent.iterdir()] == ["state.json"]
+    assert sorted(path.name for path in file.path.parent.iterdir()) == [".state.json.lock", "state.json"]
     found = StateFile(file.path).read()
     assert found is not None and found.to_dict() == checkpoint().to_dict()
+
+
+def test_two_nodes_do_not_share_a_file(tmp_path: Path) -> None:
+    first = store(tmp_path / "state.json")
+    with pytest.raises(
+        InputError, match=r"state\.json: another node stores its exposure there, give each node its own"
+    ):
+        StateFile(tmp_path / "state.json")
+    StateFile(tmp_path / "other.json").close(None)
+    first.close(counted())
+    StateFile(tmp_path / "state.json").close(None)
 
 
 def test_a_stored_exposure_is_continued(tmp_path: Path) -> None:
@@ -126,7 +139,7 @@ def test_reset_before_the_next_counted_sample_deletes_the_file(tmp_path: Path) -
     exposure.reset()
     assert second.reset() == "" and not second.resumed
     second.close(exposure)
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir()] == [".state.json.lock"]
 
 
 def test_age_is_by_the_sensor_s_own_clock(tmp_path: Path) -> None:
@@ -166,6 +179,15 @@ def test_a_stray_first_stamp_does_not_end_the_exposure(tmp_path: Path) -> None:
     second, exposure = store(tmp_path / "state.json"), new()
     assert second.begin(exposure, SEAT, np.array([12_300_000_000])) == ""
     assert "continues" in begun(second, exposure, after(60.0, SEAT))
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 1129.3, 2500.0])
+def test_samples_are_held_for_ten_seconds_at_any_rate(rate_hz: float) -> None:
+    stored = checkpoint()
+    first, begin_ns = FirstStamps(stored, 12.0), stored.sensors[SEAT].newest_ns + round(13 * 3600e9)
+    stamps_ns = begin_ns + np.rint(1e9 * np.arange(round(15.0 * rate_hz)) / rate_hz).astype(np.int64)
+    held = next(n for n, stamp_ns in enumerate(stamps_ns) if first.add(SEAT, stamp_ns[None]) is not None)
+    assert held / rate_hz == pytest.approx(10.0, abs=0.1)
 
 
 def test_a_sensor_that_returns_after_a_chain_of_restarts_does_not_end_the_exposure(tmp_path: Path) -> None:
@@ -235,6 +257,7 @@ def test_a_file_that_is_not_continued_is_renamed(tmp_path: Path, spoil, why: str
     assert why in message and "starts at zero" in message and "\n" not in message and not second.resumed
     assert exposure.pipeline.exposure().sensors == {}
     assert path.with_name("state.json.before").read_text() == text and not path.exists()
+    second.close(exposure)
     path.write_text("another")
     begun(store(path), exposure, {SEAT: 1})
     assert path.with_name("state.json.before").read_text() == text

@@ -16,7 +16,7 @@ from biodyn_core.exposure.figure_spread import interval
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros.base import topics
-from biodyn_ros.node.health import HealthMonitor, SensorHealth, seat_fault, silent_sensors
+from biodyn_ros.node.health import HealthMonitor, SensorHealth, seat_fault, silences_s
 from biodyn_ros.node.snapshot_builder import LEAST_SEAT_MPS2, ROWS, SnapshotBuilder
 from biodyn_ros.reports.exposure_json import exposure_document
 from biodyn_ros.reports.exposure_report import exposure_report
@@ -201,13 +201,19 @@ def test_without_an_axis_no_topic_gives_a_time_left():
     assert topics.seat_values(dead) == {f"{topics.EXPOSURE}/seat/a8": seat.a8_so_far_mps2}
 
 
+def test_the_rolling_window_ends_now_when_all_sensors_are_silent():
+    ride = Ride().drive(noisy_streams(**GENTLE))
+    seconds = ride.pipeline.settings.window_s
+    whole, later = (ride.pipeline.exposure(True, {SEAT: s}).sensors[SEAT].seconds for s in (0.0, seconds - 1.0))
+    assert later == pytest.approx(min(whole, 1.0), abs=0.2) and later < whole
+
+
 def test_when_all_sensors_are_silent_no_topic_gives_a_time_left_or_a_figure_of_the_window():
     ride = Ride().drive(noisy_streams(**GENTLE))
 
     def published():
         statuses = {status.of: status for status in ride.monitor.check()}
-        silent = silent_sensors(statuses, ride.pipeline.settings.window_s)
-        return set(topics.scalar_values(ride.pipeline, silent, bool(seat_fault(statuses))))
+        return set(topics.scalar_values(ride.pipeline, silences_s(statuses), bool(seat_fault(statuses))))
 
     sending = published()
     times = {f"{topics.EXPOSURE}/seat/time_to_{kind}_value" for kind in ("action", "limit")}

@@ -164,14 +164,16 @@ class SensorMeters:
             meter.end_window(absent_s)
 
     def reset(self) -> None:
-        """Set everything "since reset" to zero."""
-        self.finish()
+        """Set everything "since reset" to zero; first readings that still wait are dropped."""
+        if not self.has_level:
+            self._batch.take()
+        self._count_batch()
         for meter in self._named.values():
             meter.reset()
 
     def totals(self) -> dict[str, Floats]:
-        """The totals since reset, by meter."""
-        self.finish()
+        """The totals since reset, by meter, without first readings that still wait."""
+        self._count_batch()
         return {name: meter.totals() for name, meter in self._named.items()}
 
     def resume(self, totals: Mapping[str, Floats], break_s: float) -> None:

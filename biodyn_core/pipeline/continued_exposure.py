@@ -82,7 +82,8 @@ class ContinuedExposure:
         for name, meters in pipeline.counter.meters.items():
             conditioner = pipeline.conditioners[name]
             newest_ns = conditioner.newest_ns or conditioner.first_ns
-            if conditioner.rest is not None and newest_ns is not None:
+            # Before its first level a sensor has counted nothing of this run, so its former state is still the newest.
+            if conditioner.rest is not None and newest_ns is not None and meters.has_level:
                 covered_ns = newest_ns + round(1e9 * pipeline.counter.absence_s(name))
                 sensors[name] = SensorCheckpoint(
                     newest_ns, covered_ns, pipeline.losses(name), conditioner.rest, meters.totals()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 from biodyn_core.base.arrays import Floats
@@ -86,15 +86,15 @@ class ExposureCounter:
         before = {name: one.meters for name, one in self.initial.sensors.items()}
         return before | {name: one for name, one in self.meters.items() if one.has_level or name in before}
 
-    def rolling(self, silent: Collection[str] = ()) -> dict[str, SensorMeters]:
+    def rolling(self, silent_s: Mapping[str, float] | None = None) -> dict[str, SensorMeters]:
         """The meters of the sensors that sent usable samples within the window, which ends now for all of them.
 
-        silent: sensors that did not by another clock; stamps alone do not show that all sensors are silent.
+        silent_s: time since a sensor's last message by another clock: stamps do not show that all sensors are silent.
         """
         found = {}
         for name, meters in self.meters.items():
-            absent_s = self.absence_s(name)
-            if meters.has_level and name not in silent and absent_s <= self._settings.window_s:
+            absent_s = max(self.absence_s(name), (silent_s or {}).get(name, 0.0))
+            if meters.has_level and absent_s <= self._settings.window_s:
                 meters.end_window(absent_s)
                 found[name] = meters
         return found

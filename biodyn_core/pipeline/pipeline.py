@@ -8,7 +8,7 @@ sensors within that bound gives the same frames.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -168,14 +168,14 @@ class Pipeline:
 
     # --- figures and status ------------------------------------------------------------------------------------------
 
-    def exposure(self, rolling: bool = False, silent: Collection[str] = ()) -> Exposure:
+    def exposure(self, rolling: bool = False, silent_s: Mapping[str, float] | None = None) -> Exposure:
         """The figures since reset, or over the last `window_s`, without the sensors that are silent for that long.
 
-        silent: sensors that are so by another clock than the stamps.
+        silent_s: time since a sensor's last message, by another clock than the stamps.
         """
-        meters = self.counter.rolling(silent) if rolling else self.counter.since_reset()
+        meters = self.counter.rolling(silent_s) if rolling else self.counter.since_reset()
         if rolling and self.predictor:
-            self.predictor.end_window(self.counter.absence_s(SEAT))
+            self.predictor.end_window(max(self.counter.absence_s(SEAT), (silent_s or {}).get(SEAT, 0.0)))
         return exposure_of(meters, self.predictor, self.settings.weightings(), rolling)
 
     def seat(self, project: bool = False) -> SeatExposure | None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 from biodyn_core.base.segments import MEASURED_SEGMENTS, SEGMENTS, SENSORS
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Mapping
 
     from biodyn_core.exposure.limit_assessment import SeatExposure
     from biodyn_core.pipeline.exposure import Exposure
@@ -59,12 +59,14 @@ def status_name(of: str) -> str:
     return f"{NODE_NAME}: {of}"
 
 
-def scalar_values(pipeline: Pipeline, silent: Collection[str] = (), seat_at_fault: bool = False) -> dict[str, float]:
+def scalar_values(
+    pipeline: Pipeline, silent_s: Mapping[str, float] | None = None, seat_at_fault: bool = False
+) -> dict[str, float]:
     """The value of each scalar topic; a value not available is absent.
 
-    silent: sensors without a message for longer than the window, by arrival. seat_at_fault: no time left is given.
+    silent_s: time since the last message of a sensor, by arrival. seat_at_fault: no time left is given.
     """
-    since, rolling = pipeline.exposure(), pipeline.exposure(True, silent)
+    since, rolling = pipeline.exposure(), pipeline.exposure(True, silent_s)
     values = exposure_values(since, EXPOSURE) | exposure_values(rolling, ROLLING)
     values |= {RESIDUAL[segment]: rms for segment, (rms, _) in rolling.residual.items()}
     return values | seat_values(pipeline.seat(), seat_at_fault)

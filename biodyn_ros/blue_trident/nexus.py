@@ -115,6 +115,8 @@ def nexus(path: Path, lines: Sequence[str]) -> Nexus:
         if channel in triplets.setdefault(serial, {}):
             raise InputError(f"{path}: {name} is given twice")
         unit = written[serial, channel] = units[first]
+        if set(units[first : first + 3]) != {unit}:
+            raise InputError(f"{path}: {name} has the units {', '.join(units[first : first + 3])}: give one unit")
         known = {ACCEL: ACCEL_UNITS, HIGH: ACCEL_UNITS, GYRO: GYRO_UNITS}.get(channel)
         triplets[serial][channel] = _Triplet(first, scale_of(unit, known, f"{path}: {name}") if known else 1.0)
     triplets = {serial: found for serial, found in triplets.items() if ACCEL in found}

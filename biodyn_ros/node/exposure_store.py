@@ -1,7 +1,8 @@
 """Exposure store: the file that carries exposure since reset across restarts of the live node.
 
 A thread of its own writes a temporary file and renames it. It concerns a person's health, so its owner alone can read
-it. A file that is not continued is renamed, never overwritten.
+it. A file that is not continued is renamed, never overwritten. One node at a time has it: two would continue each
+other's doses.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import weakref
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -21,6 +23,7 @@ from biodyn_core.body.subject import Subject
 from biodyn_core.exposure.checkpoint import ExposureCheckpoint
 from biodyn_core.pipeline.continued_exposure import ContinuedExposure
 from biodyn_ros import __version__
+from biodyn_ros.base.environment import EnvironmentFault, try_lock
 from biodyn_ros.base.files import OWNER_ONLY, exists, make_directory, remove, state_directory, write_text
 from biodyn_ros.base.json_files import keys_of, read_json
 from biodyn_ros.node.first_stamps import FirstStamps
@@ -34,8 +37,10 @@ POLICIES: Final = ("fitting", "any", "none")
 """Which stored exposure is continued: one of the same subject and sensors that is not too old, any, or none."""
 
 
-def state_path(given: str, node: str) -> Path | None:
-    """The path given, None for "none", or by default a file with the node's name in the user's state directory.
+def state_path(given: str, node: str, domain_id: int = 0) -> Path | None:
+    """The path given, None for "none", or by default a file in the user's state directory.
+
+    Its name is that of the node, and of its ROS domain if that is not 0.
 
     Raises InputError where the user has no home directory.
     """
@@ -44,13 +49,14 @@ def state_path(given: str, node: str) -> Path | None:
     try:
         if given:
             return Path(given).expanduser()
-        return state_directory() / f"{node.strip('/').replace('/', '.')}.json"
+        domain = f".domain_{domain_id}" if domain_id else ""
+        return state_directory() / f"{node.strip('/').replace('/', '.')}{domain}.json"
     except RuntimeError:
         raise InputError(f"state_file {given!r}: there is no home directory, give a path") from None
 
 
 class StateFile:
-    """`read` once, `save` at will; raises InputError for a path that cannot be written."""
+    """`read` once, `save` at will, `close`; raises InputError for a path that cannot be written or is in use."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -61,6 +67,7 @@ class StateFile:
         make_directory(path.parent)
         if not os.access(path.parent, os.W_OK):
             raise InputError(f"{path}: cannot be written (Permission denied)")
+        self._unlock = weakref.finalize(self, os.close, _lock(path))
 
     def read(self) -> ExposureCheckpoint | None:
         """The stored checkpoint; None without a file. Raises InputError, naming the file, where it is damaged."""
@@ -96,10 +103,13 @@ class StateFile:
     def close(self, checkpoint: ExposureCheckpoint | None) -> None:
         """Write for the last time, and wait until it is done."""
         self._writer.shutdown(wait=True)
-        if checkpoint is None:
-            self._raise_write_error()
-        else:
-            self._write(checkpoint.to_dict())
+        try:
+            if checkpoint is None:
+                self._raise_write_error()
+            else:
+                self._write(checkpoint.to_dict())
+        finally:
+            self._unlock()
 
     def _raise_write_error(self) -> None:
         """Raise the error of the last write, if any."""
@@ -110,6 +120,16 @@ class StateFile:
     def _write(self, checkpoint: Mapping[str, Any]) -> None:
         document = {"schema": SCHEMA, "version": __version__, "digest": digest(checkpoint), "kept": checkpoint}
         write_text(self.path, json.dumps(document, allow_nan=False) + "\n", mode=OWNER_ONLY)
+
+
+def _lock(path: Path) -> int:
+    try:
+        descriptor = try_lock(path.with_name(f".{path.name}.lock"))
+    except EnvironmentFault as error:
+        raise InputError(f"{path}: {error}") from None
+    if descriptor is None:
+        raise InputError(f"{path}: another node stores its exposure there, give each node its own state_file")
+    return descriptor
 
 
 class ExposureStore:

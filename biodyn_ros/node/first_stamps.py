@@ -63,10 +63,11 @@ class FirstStamps:
         return abs(age_h) <= self._max_age_h
 
     def _is_patience_over(self, sensor: str) -> bool:
-        stored = self._checkpoint.sensors
-        longest_s = max(one.rest.period_s for one in stored.values())
-        period_s = stored[sensor].rest.period_s if sensor in stored else longest_s
-        return self._samples[sensor] * period_s >= PATIENCE_S
+        # By the present rate, which may be another than the stored one; few stamps do not show it.
+        newest_ns = self._newest[sensor]
+        period_s = 1e-9 * float(np.median(np.diff(np.sort(newest_ns)))) if newest_ns.size == FIRST_SAMPLES else 0.0
+        stored_s = max(one.rest.period_s for one in self._checkpoint.sensors.values())
+        return self._samples[sensor] * (period_s or stored_s) >= PATIENCE_S
 
     def _refusal(self, ages_h: dict[str, float]) -> str:
         if not ages_h:

@@ -388,10 +388,10 @@ def seat_fault(statuses: Mapping[str, Status]) -> str:
     return "" if seat.values["rate_hz"] else prediction.message
 
 
-def silent_sensors(statuses: Mapping[str, Status], longer_than_s: float) -> list[str]:
-    """The sensors whose last message came before so many seconds."""
+def silences_s(statuses: Mapping[str, Status]) -> dict[str, float]:
+    """The time since the last message of each sensor that has sent one."""
     silent = {name: statuses[name].values["silent_s"] for name in SENSORS if name in statuses}
-    return [name for name, silent_s in silent.items() if silent_s and float(silent_s) > longer_than_s]
+    return {name: float(silent_s) for name, silent_s in silent.items() if silent_s}
 
 
 def storage_status(store: ExposureStore) -> Status:

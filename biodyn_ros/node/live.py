@@ -339,7 +339,7 @@ class BiodynNode(LifecycleNode):
         mapping = {sensor: self.resolve_topic_name(topic) for sensor, topic in topics.INPUT.items()}
         identity, s = identity_of(subject, mapping), self.settings
         try:
-            path = state_path(s.state_file, self.get_fully_qualified_name())
+            path = state_path(s.state_file, self.get_fully_qualified_name(), self.context.get_domain_id())
             return path and ExposureStore(StateFile(path), identity, s.exposure_max_age_h, s.kept_exposure)
         except InputError as error:
             if s.state_file:

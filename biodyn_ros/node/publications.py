@@ -23,7 +23,7 @@ from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.bag.blocks import AnyFrames, BlockEncoder, measured_blocks, predicted_blocks
 from biodyn_ros.bag.cdr import AccelStampedTemplate
 from biodyn_ros.base import topics
-from biodyn_ros.node.health import Mark, Status, seat_fault, silent_sensors
+from biodyn_ros.node.health import Mark, Status, seat_fault, silences_s
 
 OUTPUT_DEPTH: Final = 2000
 BLOCK_DEPTH: Final = 400
@@ -165,8 +165,8 @@ class Publications:
         if not wanted:
             return
         by_name = {status.of: status for status in statuses}
-        silent = silent_sensors(by_name, pipeline.settings.window_s)
-        values = topics.scalar_values(pipeline, silent, bool(by_name) and bool(seat_fault(by_name)))
+        seat_at_fault = bool(by_name) and bool(seat_fault(by_name))
+        values = topics.scalar_values(pipeline, silences_s(by_name), seat_at_fault)
         for topic in wanted:
             if topic in values:
                 self._scalars[topic].publish(Float64(data=values[topic]))

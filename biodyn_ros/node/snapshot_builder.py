@@ -25,7 +25,7 @@ from biodyn_core.pipeline.shocks import Shock, Shocks
 from biodyn_ros import __version__
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.base.wording import ORIGIN, partly_tested, words
-from biodyn_ros.node.health import SILENT_AFTER_S, Mark, Status, seat_fault, silent_sensors
+from biodyn_ros.node.health import SILENT_AFTER_S, Mark, Status, seat_fault, silences_s
 from biodyn_ros.reports.downsampling import Bins, MinMaxDownsampler
 from biodyn_ros.reports.exposure_json import dri_document
 from biodyn_ros.reports.exposure_report import ChannelExposure
@@ -69,8 +69,7 @@ class SnapshotBuilder:
     def snapshot(self, pipeline: Pipeline, statuses: list[Status], marks: Iterable[Mark]) -> dict[str, Any]:
         """The content of the page now, finite numbers and texts alone."""
         by_name = {status.of: status for status in statuses}
-        silent = silent_sensors(by_name, pipeline.settings.window_s)
-        run, seat, rolling = pipeline.run_status(), pipeline.seat(), pipeline.exposure(True, silent)
+        run, seat, rolling = pipeline.run_status(), pipeline.seat(), pipeline.exposure(True, silences_s(by_name))
         since, seat_losses = pipeline.exposure(), pipeline.losses(SEAT)
         channel = ChannelExposure(since.sensors[SEAT], seat_losses) if SEAT in since.sensors else None
         fault, rolling_losses = seat_fault(by_name), {name: pipeline.counter.rolling_losses(name) for name in SENSORS}
