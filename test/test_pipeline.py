@@ -474,7 +474,8 @@ def test_the_latency_of_every_output_is_stated() -> None:
 
 
 @pytest.mark.parametrize(
-    "up", [(0.0, 0.0, 1.0), (0.5, -0.5, 0.7), (-0.6, -0.6, 0.5), (0.3, 0.2, -0.9), (0.1, 0.9, -0.3)]
+    "up",
+    [(0.0, 0.0, 1.0), (0.5, -0.5, 0.7), (-0.6, -0.6, 0.5), (0.3, 0.2, -0.9), (0.1, 0.9, -0.3), (0.95, 0.0, 0.31)],
 )
 @pytest.mark.parametrize("turned_deg", [0.0, 70.0, -150.0])
 def test_a_yaw_is_of_the_sensor_s_first_axis_for_any_tilt(up, turned_deg) -> None:

@@ -16,7 +16,13 @@ LEAST_GRAVITY_MPS2: Final = 0.5 * STANDARD_GRAVITY_MPS2
 UP: Final = (0.0, 0.0, 1.0)
 
 MAX_COSINE: Final = 0.9
-"""A first axis within 26 degrees of the vertical, by its cosine, has no direction in the horizontal plane."""
+"""A first axis within 26 degrees of the vertical, by its cosine, has no certain direction in the horizontal plane."""
+
+MAX_YAW_COSINE: Final = 0.985
+"""A yaw is given to the first axis as long as it is more than 10 degrees from the vertical, by its cosine.
+
+Nearer to it 1 degree of tilt would turn its projection by 6 degrees and more.
+"""
 
 
 def gravity_and_vertical(mean_mps2: Vector, given: Vector | None) -> tuple[float, Vector | None]:
@@ -34,13 +40,14 @@ def gravity_and_vertical(mean_mps2: Vector, given: Vector | None) -> tuple[float
     return norm, (mean_mps2[0] / norm, mean_mps2[1] / norm, mean_mps2[2] / norm)
 
 
-def horizontal_axes(up: Vector) -> Floats:
+def horizontal_axes(up: Vector, most: float = MAX_COSINE) -> Floats:
     """Horizontal axes x and y and the vertical z as rows, (3, 3), in the axes of a sensor with this direction of up.
 
-    x is the projection of the sensor's first axis; where that is nearly vertical, y is the projection of the second.
+    x is the projection of the sensor's first axis; where that is nearly vertical, its cosine `most` or more, y is the
+    projection of the second.
     """
     z = np.array(up) / np.linalg.norm(up)
-    own = 1 if abs(z[0]) >= MAX_COSINE else 0
+    own = 1 if abs(z[0]) >= most else 0
     level = np.eye(3)[own] - z[own] * z
     level /= np.linalg.norm(level)
     return np.array([level, np.cross(z, level), z] if own == 0 else [np.cross(level, z), level, z])
@@ -49,9 +56,10 @@ def horizontal_axes(up: Vector) -> Floats:
 def first_axis_rad(up: Vector) -> float:
     """Direction of the sensor's own first axis in the horizontal plane, after `rotation_to_vertical`, radians.
 
-    Zero for a sensor that lies flat; a tilt about both axes also turns it in the plane.
+    Of one that is nearly vertical, the direction to which the second axis is at right angles. Zero for a sensor that
+    lies flat; a tilt about both axes also turns it in the plane.
     """
-    x, y, _ = (rotation_to_vertical(np.array(up)) @ horizontal_axes(up)[0]).tolist()
+    x, y, _ = (rotation_to_vertical(np.array(up)) @ horizontal_axes(up, MAX_YAW_COSINE)[0]).tolist()
     return math.atan2(y, x)
 
 
