@@ -14,11 +14,12 @@ from logged import write_with_rosbags
 from rosbags.rosbag2 import StoragePlugin
 
 from biodyn_core.base.errors import InputError
-from biodyn_core.base.segments import MEASURED_SEGMENTS, SENSORS
+from biodyn_core.base.segments import MEASURED_SEGMENTS, SEAT, SENSORS
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.body.synthesis_settings import SensorSettings
 from biodyn_core.recording.recording import Recording
-from biodyn_ros.bag import BagReader, imu_blocks, open_bag
+from biodyn_ros.bag import BagReader, BagWriter, imu_blocks, open_bag
+from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base.progress import ignore_progress
 from biodyn_ros.base.resources import subject_file
 from biodyn_ros.base.topics import INPUT
@@ -73,6 +74,28 @@ def test_a_reference_is_read(text: str, part: BagPart) -> None:
 def test_a_reference_names_its_part(begin_s: float, length_s: float) -> None:
     part = BagPart(Path("a.mcap"), begin_s, round(begin_s + length_s, 2) if length_s < math.inf else math.inf)
     assert part_of(str(part)) == part
+
+
+@pytest.mark.parametrize(("share", "leap_s"), [(0.02, 0.0), (-0.02, 0.0), (0.0, 30.0)])
+def test_a_part_is_whole_where_stamps_and_log_times_move_apart(tmp_path: Path, share: float, leap_s: float) -> None:
+    """A driver that counts samples, and a clock that is set: 20 min, logged evenly."""
+    rate_hz, path = 50.0, tmp_path / "long.mcap"
+    at_s = np.arange(round(1200.0 * rate_hz)) / rate_hz
+    stamped_s = (1.0 + share) * at_s + leap_s * (at_s > 60.0)
+    stamps_ns, log_ns = (10**18 + np.rint(1e9 * each).astype(np.int64) for each in (stamped_s, at_s))
+    accel = np.tile([0.0, 0.0, 9.81], (at_s.size, 1))
+    with BagWriter(path) as writer:
+        writer.add_topic(INPUT[SEAT], IMU_TYPE)
+        for a in range(0, at_s.size, 500):
+            messages = encode_imu(stamps_ns[a : a + 500], accel[a : a + 500], None, "imu")
+            writer.write(INPUT[SEAT], log_ns[a : a + 500], messages)
+    end_s = math.floor(stamped_s[-1])
+    for part in (f"{end_s - 20}..{end_s}", f"{end_s - 20}..", "600..620"):
+        begin_s, _, end = part.partition("..")
+        wanted = (stamped_s >= float(begin_s)) & (stamped_s <= float(end or "inf"))
+        with open_sensors(f"{path}@{part}", OPTIONS) as sensors:
+            found = sum(len(block.stamps_ns) for _, block in sensors.blocks(ignore_progress))
+        assert found == pytest.approx(wanted.sum(), abs=1), part
 
 
 def test_a_file_of_that_name_is_no_reference(tmp_path: Path) -> None:

@@ -112,15 +112,16 @@ class Extent:
 
     @classmethod
     def of_part(
-        cls, part: BagPart, length_s: float, begins_ns: Mapping[str, int], beside_s: Mapping[str, float], log_ns: int
-    ) -> Extent:
+        cls, part: BagPart, length_s: float, begins_ns: Mapping[str, int], beside_s: Mapping[str, float], log_ns: int,
+        apart_s: float = 0.0,
+    ) -> Extent:  # fmt: skip
         """The extent of a part of a bag of this length.
 
         begins_ns: the stamp at 0 s, by topic; beside_s: further time at both ends, by topic; log_ns: the log time at
-        0 s.
+        0 s; apart_s: by how much stamps and log times move apart over the bag.
         """
         begin_s, end_s = part.begin_s, min(part.end_s, latest_end_s(length_s))
-        late_s = LATE_S + CLOCK_SHARE * end_s
+        late_s = LATE_S + CLOCK_SHARE * end_s + apart_s
         stamps = {
             topic: (at + round(1e9 * (begin_s - beside_s[topic])), at + round(1e9 * (end_s + beside_s[topic])))
             for topic, at in begins_ns.items()

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from biodyn_core.base.segments import SEAT
 from biodyn_core.conditioning.clocks import ClockComparison
 from biodyn_core.conditioning.conditioned import SensorStatus
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
-from biodyn_ros.bag import BagReader, LoggedImu, imu_blocks, open_bag
+from biodyn_ros.bag import BagReader, LoggedImu, LogTimes, imu_blocks, open_bag
 from biodyn_ros.base.progress import OnProgress
 from biodyn_ros.reading.mapping import sensors_of
 from biodyn_ros.reading.marks import Mark, marks_of
@@ -22,6 +23,9 @@ from biodyn_ros.reading.parts import CLOCK_SHARE, Bag, BagPart, Extent, latest_e
 from biodyn_ros.reading.provenance import is_made_by_model
 from biodyn_ros.reading.saturation import limits_of
 from biodyn_ros.reading.stamps import SensorClock, choose_times, clock_warnings
+
+AT_THE_END_S: Final = 10.0
+"""The last sample of the seat is searched in so much log time first."""
 
 
 @dataclass(frozen=True)
@@ -80,17 +84,32 @@ class SensorReading:
 
     def first_of_seat(self) -> tuple[int, int]:
         """Stamp and log time, ns, of the seat's first sample; raises InputError without any."""
-        (topic,) = (topic for topic, sensor in self._sensors.items() if sensor == SEAT)
-        for _, block in imu_blocks(self._reader, [topic], self._choices[topic].time):
+        for block in self._seat_blocks():
             is_set = np.flatnonzero(block.stamps_ns)
             if is_set.size:
                 return int(block.stamps_ns[is_set[0]]), int(block.log_ns[is_set[0]])
         raise InputError(f"{self._reader.path}: the seat has no sample with a stamp")
 
+    def _last_of_seat(self, log_ns: int) -> tuple[int, int]:
+        """Stamp and log time, ns, of the seat's last sample; log_ns: the log time of its first one."""
+        end_ns = self._reader.end_ns or log_ns
+        for begin_ns in (max(log_ns, end_ns - round(1e9 * AT_THE_END_S)), log_ns):
+            blocks = [block for block in self._seat_blocks((begin_ns, end_ns)) if block.stamps_ns.any()]
+            if blocks:
+                at = np.flatnonzero(blocks[-1].stamps_ns)[-1]
+                return int(blocks[-1].stamps_ns[at]), int(blocks[-1].log_ns[at])
+        return self.first_of_seat()
+
+    def _seat_blocks(self, within_ns: LogTimes | None = None) -> Iterator[LoggedImu]:
+        (topic,) = (topic for topic, sensor in self._sensors.items() if sensor == SEAT)
+        return (block for _, block in imu_blocks(self._reader, [topic], self._choices[topic].time, within=within_ns))
+
     def _extent_of(self, part: BagPart, beside_s: float) -> Extent:
         stamp_ns, log_ns = self.first_of_seat()
+        last_stamp_ns, last_log_ns = self._last_of_seat(log_ns)
         self._begin_ns = log_ns + round(1e9 * part.begin_s)
-        length_s = 1e-9 * ((self._reader.end_ns or log_ns) - log_ns)
+        stamped_s, logged_s = 1e-9 * (last_stamp_ns - stamp_ns), 1e-9 * (last_log_ns - log_ns)
+        length_s = max(stamped_s, 1e-9 * ((self._reader.end_ns or log_ns) - log_ns))
         begins_after = part.begin_s >= (1.0 + CLOCK_SHARE) * length_s
         if begins_after or latest_end_s(length_s) < part.end_s < math.inf:
             raise InputError(f"{part}: outside the bag, which has {length_s:.2f} s")
@@ -104,7 +123,8 @@ class SensorReading:
             for topic, sensor in self._sensors.items()
             if sensor in part.clock_ppm and self._choices[topic].time == "header"
         }
-        return replace(Extent.of_part(part, length_s, begins, beside, log_ns), drifts=drifts)
+        extent = Extent.of_part(part, length_s, begins, beside, log_ns, abs(stamped_s - logged_s))
+        return replace(extent, drifts=drifts)
 
     def bag_warnings(self) -> list[str]:
         """Warnings about the bag itself."""
