@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from listed import assert_listed
 from streams import info, subject
 from trident import (
     LOW_HZ,
@@ -17,6 +18,7 @@ from trident import (
     UNIX_US,
     Floats,
     G,
+    Motion,
     Wide,
     capture_u_files,
     high_g,
@@ -130,6 +132,52 @@ def test_a_clipped_shock_is_recovered_from_high_g(drive: tuple[Path, Path, dict[
             0.0031, abs=0.0004
         )
         assert high["bias_mps2"] == pytest.approx([4.0 - number, -7.0 + number, 9.0], abs=0.2)
+
+
+def calm(peak_g: float = 60.0) -> Motion:
+    """A shock in a ride of a tenth of the usual motion: too little for a gain or a delay."""
+
+    def force(t: Floats) -> Floats:
+        gravity = np.array([0.0, 0.0, G])
+        return shock((3.0,), peak_g)(t) - 0.9 * (shock((3.0,), 0.0)(t) - gravity)
+
+    return force
+
+
+@pytest.mark.parametrize("wide", [Wide(gain=0.9), Wide(gain=1.1), Wide(delay_s=0.002), Wide(delay_s=-0.002)])
+def test_an_undetermined_gain_or_delay_is_noted_and_in_the_variance(tmp_path: Path, wide: Wide) -> None:
+    capture_u_files(tmp_path / "csv", "TS-1", calm(), 9.0, wide)
+    outcome = import_blue_trident(tmp_path / "csv", tmp_path / "b.mcap", ImportOptions({"seat": "TS-1"}))
+    document = document_of(outcome)
+    note = (
+        "seat (TS-1): the motion does not determine high-g gain of z (1 within 10 % assumed) and delay (0 within 2 ms"
+        " assumed): the covariance contains these errors"
+    )
+    assert note in document["warnings"]
+    assert f"note: {note}" in text_of(outcome) and "gain 1 (assumed), 1 (assumed), 1 (assumed)" in text_of(outcome)
+    high = document["sensors"]["seat"]["high_g"]
+    assert high["gain_determined"] == [False] * 3 and high["gain_error"] == [0.1] * 3
+    assert high["delay_determined"] is False and high["delay_error_s"] == 0.002
+    stamps, accel, _ = samples(tmp_path / "b.mcap", "seat")
+    truth = calm()(1e-9 * (stamps - 1000 * UNIX_US))
+    variance = np.array(
+        [message.linear_acceleration_covariance[8] for message in messages(tmp_path / "b.mcap", "seat")]
+    )
+    clipped = np.abs(truth[:, 2]) > RAIL
+    error = np.abs(accel - truth)[clipped, 2]
+    assert error.max() > 50.0 and (error < 2.0 * np.sqrt(variance[clipped])).all()
+
+
+def test_a_determined_gain_and_delay_have_no_note(drive: tuple[Path, Path, dict[str, Any]]) -> None:
+    _, _, document = drive
+    assert not any("does not determine" in line for line in document["warnings"])
+    for row in document["sensors"].values():
+        assert row["high_g"]["gain_determined"][2] and row["high_g"]["delay_determined"]
+        assert row["high_g"]["gain_error"][2] < 0.01 and row["high_g"]["delay_error_s"] < 0.0002
+
+
+def test_files_md_lists_the_document(drive: tuple[Path, Path, dict[str, Any]]) -> None:
+    assert_listed("import-blue-trident", drive[2])
 
 
 def test_the_bag_has_its_provenance(drive: tuple[Path, Path, dict[str, Any]]) -> None:

@@ -24,7 +24,17 @@ from biodyn_core.conditioning.dual_range import (
     spans,
     usable,
 )
-from biodyn_core.conditioning.range_alignment import Alignment, align, bias, corrected, levels, plausible
+from biodyn_core.conditioning.range_alignment import (
+    DELAY_TOLERANCE_S,
+    GAIN_TOLERANCE,
+    Alignment,
+    align,
+    bias,
+    corrected,
+    levels,
+    plausible,
+    variance,
+)
 
 SETTINGS = DualRangeSettings()
 PERIOD_S = 1.0 / LOW_HZ
@@ -178,6 +188,8 @@ def test_a_body_at_rest_supports_neither_gain_nor_delay() -> None:
     found = align([stretch], SETTINGS)
     assert found.gain == (1.0, 1.0, 1.0) and found.delay_s == 0.0
     assert found.measured == (False, False, False) and not found.delay_measured
+    assert found.determined == (False, False, False) and not found.delay_determined
+    assert found.gain_error == (GAIN_TOLERANCE,) * 3 and found.delay_error_s == DELAY_TOLERANCE_S
     means = levels(stretch, SETTINGS)
     assert means is not None and bias(means, found)[2] == pytest.approx(9.0 + 0.05 * G, abs=0.03)
 
@@ -191,6 +203,28 @@ def test_without_a_comparison_gain_and_delay_stay_nominal() -> None:
 def test_channels_of_two_sensors_are_implausible() -> None:
     one, other = stretch_of(Wide()), stretch_of(Wide(gain=0.6))
     assert plausible(align([one], SETTINGS)) and not plausible(align([other], SETTINGS))
+
+
+def test_a_gain_of_one_and_a_delay_of_zero_can_be_determined() -> None:
+    found = align([stretch_of(Wide())], SETTINGS)
+    assert found.gain[2] == 1.0 and not found.measured[2] and found.determined[2]
+    assert found.delay_s == 0.0 and not found.delay_measured and found.delay_determined
+    assert 0.0 < found.gain_error[2] < 0.02 and 0.0 < found.delay_error_s < 0.0005
+
+
+def test_a_variance_contains_noise_and_the_errors_of_gain_and_delay() -> None:
+    t = np.arange(400) * PERIOD_S
+    values = np.column_stack([0.0 * t, np.full_like(t, 200.0), 1000.0 * t])
+    stretch = Stretch(t, values, t, values, LOW_HZ)
+    own = Alignment(noise_mps2=(0.5, 0.5, 0.5), gain_error=(0.1, 0.1, 0.0), delay_error_s=0.002)
+    found = np.sqrt(variance(stretch, own, values))
+    assert found[:, 0] == pytest.approx(0.5)
+    assert found[:, 1] == pytest.approx(np.hypot(0.5, 20.0))
+    assert found[5:-5, 2] == pytest.approx(np.hypot(0.5, 2.0))
+    values[50, 1] = np.nan  # a reading that the wide channel lacks
+    again = np.sqrt(variance(stretch, own, values))
+    assert np.isnan(again[50, 1]) and np.isfinite(np.delete(again[:, 1], 50)).all()
+    assert variance(Stretch(t[:0], values[:0], t, values, LOW_HZ), own, values[:0]).shape == (0, 3)
 
 
 # --- taking over ------------------------------------------------------------------------------------------------------

@@ -12,7 +12,15 @@ import numpy as np
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.conditioning.dual_range import Span, Stretch, covered, merged, shares
 from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
-from biodyn_core.conditioning.range_alignment import Alignment, align, bias, corrected, levels, plausible
+from biodyn_core.conditioning.range_alignment import (
+    Alignment,
+    align,
+    bias,
+    corrected,
+    levels,
+    plausible,
+    variance,
+)
 from biodyn_ros.blue_trident.cleaning import MAX_PLAUSIBLE_MPS2, Cleaner
 from biodyn_ros.blue_trident.samples import Channel, Samples
 from biodyn_ros.blue_trident.survey import SensorSurvey
@@ -32,26 +40,34 @@ BESIDE_S: Final = 0.1
 class Replacement:
     """High-g values that replace low-g: weights share (k, 3) of values right_mps2 (k, 3) at stamps_ns (k,).
 
+    variance (k, 3): of these values, m^2/s^4, 0 for axes that they do not replace.
     replaced and remaining: spans of saturation; bias_mps2 (3,): the mean of all stretches.
     """
 
     stamps_ns: Integers
     share: Floats
     right_mps2: Floats
+    variance: Floats
     alignment: Alignment
     bias_mps2: Floats
     replaced: tuple[Span, ...]
     remaining: tuple[Span, ...]
 
-    def applied(self, samples: Samples) -> tuple[Samples, Floats]:
-        """Samples with high-g instead of saturated values, and the weight of high-g, (n, 3)."""
-        share = np.zeros(samples.accel_mps2.shape)
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """The axes on which high-g replaces clipped values."""
+        return tuple(sorted({span.axis for span in self.replaced}))
+
+    def applied(self, samples: Samples) -> tuple[Samples, Floats, Floats]:
+        """Samples with high-g instead of saturated values, the weight of high-g (n, 3), and its variance (n, 3)."""
+        share, spread = np.zeros(samples.accel_mps2.shape), np.zeros(samples.accel_mps2.shape)
         if not self.stamps_ns.size:
-            return samples, share
+            return samples, share, spread
         at = np.minimum(np.searchsorted(self.stamps_ns, samples.stamps_ns), self.stamps_ns.size - 1)
         here = self.stamps_ns[at] == samples.stamps_ns
-        share[here] = self.share[at[here]]
-        return samples._replace(accel_mps2=merged(samples.accel_mps2, self.right_mps2[at], share)), share
+        share[here], spread[here] = self.share[at[here]], self.variance[at[here]]
+        mixed = merged(samples.accel_mps2, self.right_mps2[at], share)
+        return samples._replace(accel_mps2=mixed), share, spread
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +120,7 @@ class Comparison:
         biases = [None if near.levels_mps2 is None else bias(near.levels_mps2, alignment) for near in self._near]
         known = [value for value in biases if value is not None]
         mean = np.mean(known, axis=0) if known else np.zeros(3)
-        stamps, share, right = [], [], []
+        stamps, share, right, spread = [], [], [], []
         replaced: list[Span] = []
         if known and plausible(alignment):
             for near, value in zip(self._near, biases, strict=True):
@@ -118,9 +134,12 @@ class Comparison:
                 stamps.append(self._epoch_ns + np.rint(1e9 * near.part.low_s[used]).astype(np.int64))
                 share.append(of_each[used])
                 right.append(values[used])
+                of_values = variance(near.part, alignment, values)
+                spread.append(np.where(of_each > 0.0, of_values, 0.0)[used])
         done = set(replaced)
         remaining = [*self._stuck, *(span for near in self._near for span in near.spans if span not in done)]
-        return Replacement(*_in_order(stamps, share, right), alignment, mean, tuple(replaced), tuple(remaining))
+        order = _in_order(stamps, share, right, spread)
+        return Replacement(*order, alignment, mean, tuple(replaced), tuple(remaining))
 
     def _keep(self, channel: Channel, samples: Samples) -> None:
         """Add the samples around saturations but the last one, whose stamp is judged by the next one."""
@@ -192,12 +211,15 @@ def _ascending(time_s: Floats, before_s: float) -> Flags:
     return np.asarray(~outlier & (now_s > latest_s[:-1]))
 
 
-def _in_order(stamps: list[Integers], share: list[Floats], right: list[Floats]) -> tuple[Integers, Floats, Floats]:
+def _in_order(
+    stamps: list[Integers], share: list[Floats], right: list[Floats], spread: list[Floats]
+) -> tuple[Integers, Floats, Floats, Floats]:
     """All values in order of time, without duplicates of overlapping stretches."""
     if not stamps:
-        return np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 3))
+        return np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3))
     _, first = np.unique(np.concatenate(stamps), return_index=True)
-    return np.concatenate(stamps)[first], np.concatenate(share)[first], np.concatenate(right)[first]
+    values = [np.concatenate(parts)[first] for parts in (share, right, spread)]
+    return np.concatenate(stamps)[first], values[0], values[1], values[2]
 
 
 def _grouped(found: Sequence[Span], settings: DualRangeSettings) -> list[list[Span]]:

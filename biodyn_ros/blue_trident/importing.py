@@ -193,12 +193,12 @@ class _InterleavedWriter:
         sensor, counts, variance = self._sensors[serial], self._counts[serial], None
         at_rail = saturated(samples.accel_mps2, self._settings) != 0
         if serial in self._replacements:
-            samples, share = self._replacements[serial].applied(samples)
+            samples, share, spread = self._replacements[serial].applied(samples)
             at_rail &= share == 0.0
             if share.any():
                 # Imu has no flags. Its covariance, of which 0 is "unknown", marks each high-g axis of each sample
-                # and gives its noise.
-                variance = np.where(share > 0.0, np.square(self._replacements[serial].alignment.noise_mps2), 0.0)
+                # and gives its error.
+                variance = spread
                 counts.from_high_g += int(share.any(axis=1).sum())
         counts.clipped += int(at_rail.any(axis=1).sum())
         counts.written += len(samples.stamps_ns)

@@ -15,6 +15,7 @@ import numpy as np
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.base.wording import counted
 from biodyn_core.conditioning.dual_range_settings import DualRangeSettings
+from biodyn_core.conditioning.range_alignment import DELAY_TOLERANCE_S, GAIN_TOLERANCE
 from biodyn_ros import __version__
 from biodyn_ros.base.wording import number, table
 from biodyn_ros.blue_trident.exports import ChosenExports, FoundExports
@@ -148,8 +149,9 @@ def text_of(outcome: Outcome) -> str:
 def _alignment_text(replacement: Replacement) -> str:
     high = replacement.alignment
     bias = ", ".join(number(float(value)) for value in replacement.bias_mps2)
-    gain = ", ".join(f"{value:.3f}" if known else "1" for value, known in zip(high.gain, high.measured, strict=True))
-    delay = f"{1e3 * high.delay_s:.2f} ms" if high.delay_measured else "not measured"
+    known = zip(high.gain, high.measured, high.determined, strict=True)
+    gain = ", ".join(f"{value:.3f}" if own else "1" if told else "1 (assumed)" for value, own, told in known)
+    delay = f"{1e3 * high.delay_s:.2f} ms" if high.delay_measured else "0" if high.delay_determined else "0 (assumed)"
     noise = ", ".join(number(value) for value in high.noise_mps2)
     return f"bias {bias} m/s^2, gain {gain}, delay {delay}, difference {noise} m/s^2 rms"
 
@@ -206,8 +208,12 @@ def _high(replacement: Replacement) -> dict[str, Any]:
         "bias_mps2": [float(value) for value in replacement.bias_mps2],
         "gain": list(alignment.gain),
         "gain_measured": list(alignment.measured),
+        "gain_determined": list(alignment.determined),
+        "gain_error": list(alignment.gain_error),
         "delay_s": alignment.delay_s,
         "delay_measured": alignment.delay_measured,
+        "delay_determined": alignment.delay_determined,
+        "delay_error_s": alignment.delay_error_s,
         "noise_mps2": list(alignment.noise_mps2),
     }
 
@@ -256,6 +262,8 @@ def _sensor_lines(outcome: Outcome, serial: str, seen: SensorSurvey) -> list[str
             f"{counted(counts.from_high_g, 'sample has', 'samples have')} high-g values where low-g was clipped,"
             " marked by the covariance"
         )
+    if replacement and (assumed := _assumed(replacement)):
+        lines.append(f"the motion does not determine high-g {assumed}: the covariance contains these errors")
     if counts.clipped:
         remaining = counted(counts.clipped, "sample remains", "samples remain")
         lines.append(f"{remaining} clipped: {_why(outcome, serial, replacement)}")
@@ -270,6 +278,16 @@ def _sensor_lines(outcome: Outcome, serial: str, seen: SensorSurvey) -> list[str
     if outcome.kind == "Nexus" and largest > RESAMPLED_RAIL_SHARE * outcome.settings.saturation_mps2:
         lines.append(f"reaches {largest:.0f} m/s^2 after resampling by Nexus: earlier clipping cannot be detected")
     return lines
+
+
+def _assumed(replacement: Replacement) -> str:
+    """Gains and delay that high-g values depend on and that are not determined, with what is assumed, or nothing."""
+    alignment, axes = replacement.alignment, replacement.axes
+    unknown = [letter for axis, letter in enumerate("xyz") if axis in axes and not alignment.determined[axis]]
+    found = [f"gain of {', '.join(unknown)} (1 within {100.0 * GAIN_TOLERANCE:g} % assumed)"] if unknown else []
+    if axes and not alignment.delay_determined:
+        found.append(f"delay (0 within {1e3 * DELAY_TOLERANCE_S:g} ms assumed)")
+    return " and ".join(found)
 
 
 def _why(outcome: Outcome, serial: str, replacement: Replacement | None) -> str:

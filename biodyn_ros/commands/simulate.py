@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import sys
 from pathlib import Path
 
 from biodyn_core.base.errors import InputError
@@ -48,7 +49,11 @@ def _run(options: argparse.Namespace) -> None:
         raise InputError("--seat-rate needs a CSV file given by --seat: omit it")
     if options.seat:
         mapping = parse_map(options.map)
-        motion = read_seat_motion(options.seat, options.seat_rate, mapping, options.time).first(options.seconds)
+        lines: list[str] = []
+        motion = read_seat_motion(options.seat, options.seat_rate, mapping, options.time, lines.append)
+        motion = motion.first(options.seconds)
+        for line in lines:  # now, because a refusal is one line
+            print(f"biodyn simulate: warning: {line}", file=sys.stderr)
     else:
         seconds = CASE_S if options.seconds is None else options.seconds
         motion = motion_of_cases(options.case.split(","), seconds, options.seed)

@@ -1,6 +1,7 @@
 """A measured seat motion from a CSV file or a bag, for `biodyn simulate`: any rate, any mounting.
 
 The vertical is found from gravity in the record, and gravity is removed; without gravity the third axis must point up.
+`seat_checks` refuses what is no motion.
 """
 
 from __future__ import annotations
@@ -19,9 +20,13 @@ from biodyn_core.base.segments import SEAT, STANDARD_GRAVITY_MPS2
 from biodyn_core.base.suggestions import did_you_mean, did_you_mean_file
 from biodyn_core.base.wording import counted
 from biodyn_core.body.synthesis import MOTION_S, SeatMotion
+from biodyn_core.conditioning.channels import LARGEST_RATE_RADPS
+from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.conditioning.tilt import rotation_to_vertical
 from biodyn_ros.bag import imu_blocks, open_bag
 from biodyn_ros.reading.mapping import sensors_of
+from biodyn_ros.reading.saturation import limits_of
+from biodyn_ros.reading.seat_checks import MIN_RATE_HZ, OnWarning, check_mean, check_size, ignore_warning, order_of
 from biodyn_ros.reading.stamps import choose_times
 
 TIME_NAMES: Final = ("t", "t_s", "time", "time_s", "timestamp_s", "seconds")
@@ -42,24 +47,23 @@ _UNITS: Final = (None, "m/s2", "m/s^2", "m/s²", "m/s/s", "mps2", "ms2", "ms-2",
 _AXES: Final = (("x", "forward"), ("y", "left", "right"), ("z", "up", "down"))
 _NEGATIVE: Final = ("right", "down")
 
-IN_G: Final = (0.9, 1.1)
-"""A mean acceleration between these, as a number, is gravity in units of g: no motion has such a mean."""
-
-MIN_RATE_HZ: Final = 20.0
-
 
 def read_seat_motion(
-    path: str | Path, rate_hz: float | None, mapping: dict[str, str], time: str = "header"
+    path: str | Path,
+    rate_hz: float | None,
+    mapping: dict[str, str],
+    time: str = "header",
+    warn: OnWarning = ignore_warning,
 ) -> SeatMotion:
     """Read a seat motion; a CSV without a time column needs `rate_hz`. Raises InputError with file and position.
 
-    mapping and time ("header" or "log") are for bags.
+    mapping and time ("header" or "log") are for bags. `warn` is called with each warning, a line.
     """
     path = Path(path)
     if is_table(path):
-        time_s, accel, pitch = _from_csv(path, rate_hz)
+        time_s, accel, pitch = _from_csv(path, rate_hz, warn)
     else:
-        time_s, accel, pitch = _from_bag(path, mapping, time)
+        time_s, accel, pitch = _from_bag(path, mapping, time, warn)
     return _even(path, time_s, accel, pitch)
 
 
@@ -68,26 +72,42 @@ def is_table(path: str | Path) -> bool:
     return Path(path).suffix.lower() in (".csv", ".txt")
 
 
-def _from_bag(path: Path, mapping: dict[str, str], time: str) -> tuple[Floats, Floats, Floats]:
+def _from_bag(path: Path, mapping: dict[str, str], time: str, warn: OnWarning) -> tuple[Floats, Floats, Floats]:
     with open_bag(path) as reader:
         sensors = sensors_of(reader, mapping)
         topic = next(name for name, sensor in sensors.items() if sensor == SEAT)
         # If a driver leaves its stamps zero, the recorder's times are used.
         choice = choose_times(reader, [topic], time)[topic]
         blocks = [block for _, block in imu_blocks(reader, [topic], choice.time, gyro=True)]
+        saturation_mps2 = limits_of(reader, {topic: SEAT}, None)[0][SEAT].saturation_mps2
+    where = f"{path}: {topic}"
+    if choice.defect:
+        warn(f"{where}: {choice.defect}: log time is used instead")
     stamps_ns = np.concatenate([block.stamps_ns for block in blocks])
     accel = np.concatenate([block.accel_mps2 for block in blocks])
     bad = int((~np.isfinite(accel).all(axis=1)).sum())
     if bad:
-        raise InputError(f"{path}: {topic}: {counted(bad, 'sample is', 'samples are')} not finite")
-    # Without a gyro the pitch rate is zero, as for a CSV file.
-    gyro = np.concatenate([block.gyro_radps for block in blocks])
-    gyro[~np.isfinite(gyro)] = 0.0
-    rotation, levelled = _level(accel)
-    return (stamps_ns - stamps_ns[0]) * 1e-9, levelled, (gyro @ rotation.T)[:, 1]
+        raise InputError(f"{where}: {counted(bad, 'sample is', 'samples are')} not finite")
+    time_s = (stamps_ns - stamps_ns[0]) * 1e-9
+    check_size(where, time_s, accel, saturation_mps2)
+    check_mean(where, accel, warn)
+    remedy = "correct the recorder's clock" if choice.time == "log" else "try --time log"
+    order = order_of(where, time_s, remedy, warn)
+    rotation, levelled = _level(accel[order])
+    gyro = _rates(where, np.concatenate([block.gyro_radps for block in blocks])[order], warn)
+    return time_s[order] - time_s[order[0]], levelled, (gyro @ rotation.T)[:, 1]
 
 
-def _from_csv(path: Path, rate_hz: float | None) -> tuple[Floats, Floats, Floats]:
+def _rates(where: str, gyro_radps: Floats, warn: OnWarning) -> Floats:
+    """Angular rates (n, 3) rad/s, zero where there is no measurement: without a gyro the seat does not pitch."""
+    usable = np.abs(gyro_radps) < LARGEST_RATE_RADPS
+    unusable = int((~usable.all(axis=1)).sum())
+    if 0 < unusable < len(usable):
+        warn(f"{where}: {counted(unusable, 'angular rate is', 'angular rates are')} no measurement and taken as zero")
+    return np.where(usable, gyro_radps, 0.0)
+
+
+def _from_csv(path: Path, rate_hz: float | None, warn: OnWarning) -> tuple[Floats, Floats, Floats]:
     if rate_hz is not None and not 0.0 < rate_hz < np.inf:
         raise InputError(f"--seat-rate {rate_hz:g}: expected a positive number of Hz")
     names, table = _read_table(path)
@@ -102,13 +122,14 @@ def _from_csv(path: Path, rate_hz: float | None) -> tuple[Floats, Floats, Floats
         time_s = table[:, time_column] - table[0, time_column]
     columns, signs = _accel_columns(path, names)
     accel = table[:, columns] * signs
+    check_size(str(path), time_s, accel, ConditioningSettings.saturation_mps2)
+    check_mean(str(path), accel, warn)
+    order = order_of(str(path), time_s, "correct the time column", warn)
+    time_s, accel = time_s[order] - time_s[order[0]], accel[order]
     if accel.shape[1] == 1:
         up = accel[:, 0] - accel[:, 0].mean()
         return time_s, np.column_stack([np.zeros_like(up), np.zeros_like(up), up]), np.zeros_like(up)
-    mean = float(np.linalg.norm(accel.mean(axis=0)))
-    if IN_G[0] < mean < IN_G[1]:
-        raise InputError(f"{path}: the mean acceleration is {mean:.2f}, so the values are in g: m/s^2 are needed")
-    return time_s, _level(accel)[1], np.zeros(len(table))
+    return time_s, _level(accel)[1], np.zeros(len(accel))
 
 
 def _read_table(path: Path) -> tuple[list[str], Floats]:
@@ -142,7 +163,7 @@ def _accel_columns(path: Path, names: list[str]) -> tuple[list[int], Floats]:
     """Indices and signs of three acceleration columns, forward, left and up, or of one.
 
     By names such as x y z, ax ay az, a_forward, acc_z or linear_acceleration_x, in any order. Raises InputError if
-    there are none, and for another unit.
+    there are none, for two of one axis, and for another unit.
     """
     found: dict[str, int] = {}
     for place, name in enumerate(names):
@@ -151,7 +172,10 @@ def _accel_columns(path: Path, names: list[str]) -> tuple[list[int], Floats]:
             continue
         if (unit := column["unit"] or column["suffix"]) not in _UNITS:
             raise InputError(f"{path}: {name} is in {unit}, m/s^2 is needed")
-        found[column["axis"] or ""] = place
+        axis = column["axis"] or ""
+        if (other := next((known for known in found if _group(known) == _group(axis)), None)) is not None:
+            raise InputError(f"{path}: {names[found[other]]} and {name} name one axis: remove or rename one of them")
+        found[axis] = place
     chosen = [axis for axes in _AXES for axis in axes if axis in found]
     if len(found) == 1:
         chosen = list(found)
@@ -159,6 +183,11 @@ def _accel_columns(path: Path, names: list[str]) -> tuple[list[int], Floats]:
         listed, near = ", ".join(names), _near([name for name in names if not _COLUMN.fullmatch(name)], ACCEL_NAMES)
         raise InputError(f"{path}: no acceleration columns among {listed}: name them ax, ay, az or x, y, z{near}")
     return [found[axis] for axis in chosen], np.array([-1.0 if axis in _NEGATIVE else 1.0 for axis in chosen])
+
+
+def _group(axis: str) -> tuple[str, ...]:
+    """The names of an axis and of its opposite; empty for a column without an axis."""
+    return next((axes for axes in _AXES if axis in axes), ())
 
 
 def _near(names: list[str], known: Sequence[str]) -> str:
@@ -176,9 +205,7 @@ def _level(accel: Floats) -> tuple[Floats, Floats]:
 
 
 def _even(path: Path, time_s: Floats, accel: Floats, pitch: Floats) -> SeatMotion:
-    """Interpolate the motion to an even grid at its mean rate."""
-    rising = np.concatenate([[True], np.diff(np.maximum.accumulate(time_s)) > 0.0])
-    time_s, accel, pitch = time_s[rising], accel[rising], pitch[rising]
+    """Interpolate the motion, in order of time, to an even grid at its mean rate."""
     if time_s.size < 3 or time_s[-1] < MOTION_S[0]:
         raise InputError(f"{path}: at least {MOTION_S[0]:g} s of motion with increasing time are needed")
     rate = (time_s.size - 1) / float(time_s[-1])
