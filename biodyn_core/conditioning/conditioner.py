@@ -20,7 +20,7 @@ from biodyn_core.base.segments import HEAD, SEAT, STANDARD_GRAVITY_MPS2
 from biodyn_core.conditioning.conditioned import Block, SensorStatus
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.conditioning.gravity import Gravity, GravitySearch
-from biodyn_core.conditioning.low_pass import group_delay_s, low_pass_sections, zero_phase
+from biodyn_core.conditioning.low_pass import group_delay_s, low_pass_sections, reach, zero_phase
 from biodyn_core.conditioning.rails import Clipping
 from biodyn_core.conditioning.rest import Rest
 from biodyn_core.conditioning.rest_search import RestSearch
@@ -180,6 +180,10 @@ class Conditioner:
     def zero_phase(self, values: Floats) -> Floats:
         """Low-pass a whole run (n, ...) like a zero-phase sensor's vertical; not before rest."""
         return zero_phase(self._sos, values)
+
+    def reach(self, share: float) -> int:
+        """Number of samples to either side beyond which the low-pass leaves less than a share; not before rest."""
+        return reach(self._sos, share)
 
     @property
     def fault(self) -> str | None:
