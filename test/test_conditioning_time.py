@@ -110,9 +110,10 @@ def test_time_is_recovered_from_any_clock(clock):
     found = Conditioned(stamps_ns, MARKED)
     status = found.status
     assert status.rejected == status.filled == 0 and status.runs == 1
-    # Lost samples that single stamps cannot show are reported; coarse stamps show them by the number that share one.
-    assert bool(status.warnings) is (clock in ("bursts", "jitter 0.5 ms", "jitter 5 ms"))
-    assert all("jitter" in warning for warning in status.warnings)
+    # Losses that stamps cannot show are reported.
+    assert bool(status.warnings) is (clock in ("to 10 ms", "bursts", "jitter 0.5 ms", "jitter 5 ms"))
+    cause = "several samples share a stamp (about 10 ms)" if clock == "to 10 ms" else "jitter"
+    assert all(cause in warning for warning in status.warnings)
     assert status.rate_hz == pytest.approx(RATE_HZ, rel=20e-6)
     assert np.abs(off_s(found, stamps_ns) - late_s).max() < close_s
     np.testing.assert_allclose(np.diff(found.time_s), 1.0 / RATE_HZ, rtol=0.1)
@@ -131,6 +132,19 @@ def test_coarse_stamps_of_any_rate_lose_and_add_no_samples(rate_hz, quantum_ms, 
     status = Conditioned(stamps(count, rate_hz) // quantum_ns * quantum_ns, samples).status
     assert status.rate_hz == pytest.approx(rate_hz, rel=100e-6)
     assert status.rejected == status.filled == 0 and status.runs == 1
+
+
+@pytest.mark.parametrize(("rate_hz", "quantum_ms"), [(250.0, 1), (1000.0, 1), (1600.0, 1), (250.0, 20), (4000.0, 4)])
+def test_losses_under_coarse_stamps_are_counted_or_a_warning_says_otherwise(rate_hz, quantum_ms):
+    count, quantum_ns = round(20.0 * rate_hz), quantum_ms * 10**6
+    stamps_ns = (stamps(count, rate_hz) + 300_000) // quantum_ns * quantum_ns
+    lost = np.random.default_rng(3).choice(np.arange(round(2.0 * rate_hz), count - 100), 50, replace=False)
+    kept = np.delete(np.arange(count), lost)
+    samples = STILL[:1] + 0.02 * np.random.default_rng(2).standard_normal((kept.size, 3))
+    status = Conditioned(stamps_ns[kept], samples).status
+    is_counted = abs(status.filled - status.rejected - lost.size) <= 1
+    assert bool(status.warnings) is not is_counted
+    assert all("several samples share a stamp" in line for line in status.warnings)
 
 
 @pytest.mark.parametrize("ppm", [-500.0, -50.0, 500.0])

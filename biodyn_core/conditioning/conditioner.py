@@ -43,6 +43,12 @@ CLOCK_TIME_CONSTANT_S: Final = 5.0
 MAX_JITTER: Final = 0.35
 """With more mean jitter than so many periods, stamps do not show lost samples."""
 
+MAX_COARSE_JITTER: Final = 0.45
+"""The same for quantised stamps: up to a quantum of 1.8 periods each single loss is found (by simulation)."""
+
+QUANTUM_JITTERS: Final = 4.0
+"""A quantum is so many times the mean jitter of stamps that are rounded to it."""
+
 GRAVITY_TOLERANCE: Final = 0.05
 MAX_RATE_CHANGE: Final = 0.0199
 """The tracked rate stays within 2 % of that at rest; so close to this bound it is no longer tracked."""
@@ -322,12 +328,19 @@ class Conditioner:
                 lines.append(line)
             if abs(self._gravity_mps2 / STANDARD_GRAVITY_MPS2 - 1.0) > GRAVITY_TOLERANCE:
                 lines.append(f"gravity at rest reads {self._gravity_mps2:.2f} m/s^2: gain, unit or mounting is wrong")
-            period_s, nominal_s = self._state[kernel.PERIOD], self._state[kernel.NOMINAL]
-            if abs(period_s / nominal_s - 1.0) > MAX_RATE_CHANGE:
-                lines.append("the rate differs by 2 % from that at rest: unnoticed losses, or a change by the driver")
-            if self._state[kernel.JITTER] > MAX_JITTER * self.rest.period_s and not self.rest.coarse:
-                jitter_ms = 1e3 * float(self._state[kernel.JITTER])
-                lines.append(f"stamps jitter by {jitter_ms:.2g} ms, too much to detect lost samples")
+            lines += self._clock_warnings(self.rest)
+        return lines
+
+    def _clock_warnings(self, rest: Rest) -> list[str]:
+        lines = []
+        period_s, nominal_s, jitter_s = self._state[[kernel.PERIOD, kernel.NOMINAL, kernel.JITTER]].tolist()
+        if abs(period_s / nominal_s - 1.0) > MAX_RATE_CHANGE:
+            lines.append("the rate differs by 2 % from that at rest: unnoticed losses, or a change by the driver")
+        if rest.coarse and jitter_s > MAX_COARSE_JITTER * rest.period_s:
+            shared = f"several samples share a stamp (about {1e3 * QUANTUM_JITTERS * jitter_s:.2g} ms)"
+            lines.append(f"{shared}: shorter losses may not be counted")
+        elif not rest.coarse and jitter_s > MAX_JITTER * rest.period_s:
+            lines.append(f"stamps jitter by {1e3 * jitter_s:.2g} ms, too much to detect lost samples")
         return lines
 
     # --- runs --------------------------------------------------------------------------------------------------------
