@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from conditioned import HOUR_NS, RATE_HZ, START_NS, STILL, Conditioned, stamps
 
+from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.conditioning.conditioner import Conditioner
 from biodyn_core.conditioning.runs import LAP_S, Runs
 
@@ -110,9 +111,10 @@ def test_time_is_recovered_from_any_clock(clock):
     found = Conditioned(stamps_ns, MARKED)
     status = found.status
     assert status.rejected == status.filled == 0 and status.runs == 1
-    # Lost samples that single stamps cannot show are reported; coarse stamps show them by the number that share one.
-    assert bool(status.warnings) is (clock in ("bursts", "jitter 0.5 ms", "jitter 5 ms"))
-    assert all("jitter" in warning for warning in status.warnings)
+    # Losses that stamps cannot show are reported.
+    assert bool(status.warnings) is (clock in ("to 10 ms", "bursts", "jitter 0.5 ms", "jitter 5 ms"))
+    cause = "several samples share a stamp (about 10 ms)" if clock == "to 10 ms" else "jitter"
+    assert all(cause in warning for warning in status.warnings)
     assert status.rate_hz == pytest.approx(RATE_HZ, rel=20e-6)
     assert np.abs(off_s(found, stamps_ns) - late_s).max() < close_s
     np.testing.assert_allclose(np.diff(found.time_s), 1.0 / RATE_HZ, rtol=0.1)
@@ -131,6 +133,19 @@ def test_coarse_stamps_of_any_rate_lose_and_add_no_samples(rate_hz, quantum_ms, 
     status = Conditioned(stamps(count, rate_hz) // quantum_ns * quantum_ns, samples).status
     assert status.rate_hz == pytest.approx(rate_hz, rel=100e-6)
     assert status.rejected == status.filled == 0 and status.runs == 1
+
+
+@pytest.mark.parametrize(("rate_hz", "quantum_ms"), [(250.0, 1), (1000.0, 1), (1600.0, 1), (250.0, 20), (4000.0, 4)])
+def test_losses_under_coarse_stamps_are_counted_or_a_warning_says_otherwise(rate_hz, quantum_ms):
+    count, quantum_ns = round(20.0 * rate_hz), quantum_ms * 10**6
+    stamps_ns = (stamps(count, rate_hz) + 300_000) // quantum_ns * quantum_ns
+    lost = np.random.default_rng(3).choice(np.arange(round(2.0 * rate_hz), count - 100), 50, replace=False)
+    kept = np.delete(np.arange(count), lost)
+    samples = STILL[:1] + 0.02 * np.random.default_rng(2).standard_normal((kept.size, 3))
+    status = Conditioned(stamps_ns[kept], samples).status
+    is_counted = abs(status.filled - status.rejected - lost.size) <= 1
+    assert bool(status.warnings) is not is_counted
+    assert all("several samples share a stamp" in line for line in status.warnings)
 
 
 @pytest.mark.parametrize("ppm", [-500.0, -50.0, 500.0])
@@ -536,3 +551,67 @@ def test_an_axis_that_does_not_change_at_rest_is_not_dead():
     conditioner = Conditioner("seat")
     conditioner.push(stamps(COUNT), one_axis_dead(2, 5000, 15_000, others=0.2))
     assert (conditioner.status().flat, conditioner.status().dead) == (0, 0)
+
+
+# --- readings that are sent several times ----------------------------------------------------------------------------
+
+
+def moving(times_s: np.ndarray, step_mps2: float = 0.0005, noise_mps2: float = 0.01, size: float = 1.5) -> np.ndarray:
+    """Readings (n, 3) at these times, in steps: a second and a half at rest, then 3 to 8 Hz on all axes."""
+    sway = np.sin(2.0 * np.pi * times_s[:, None] * [3.1, 5.3, 7.9] + [0.0, 1.0, 2.0]) * [0.2 * size, 0.3 * size, size]
+    noise = noise_mps2 * np.random.default_rng(4).standard_normal(sway.shape)
+    samples = [0.0, 0.0, STANDARD_GRAVITY_MPS2] + sway * (times_s > 1.5)[:, None] + noise
+    return np.rint(samples / step_mps2) * step_mps2
+
+
+def held(own_hz: float, sent_hz: float, step_mps2: float, size: float) -> np.ndarray:
+    """What a driver sends on a timer for ten seconds from a slower sensor: its newest reading."""
+    times_s = np.arange(round(10.0 * sent_hz)) / sent_hz
+    newest = np.floor(times_s * own_hz + 0.3).astype(np.int64)
+    return moving(np.arange(newest[-1] + 1) / own_hz, step_mps2, size=size)[newest]
+
+
+@pytest.mark.parametrize(
+    ("own_hz", "sent_hz", "times", "end"),
+    [
+        (100.0, 1000.0, "10", ", and motion above 50 Hz gives wrong figures"),
+        (104.0, 1000.0, "9.6", ", and motion above 52 Hz gives wrong figures"),
+        (50.0, 250.0, "5", ", and motion above 25 Hz gives wrong figures"),
+        (500.0, 1000.0, "2", ""),
+    ],
+)
+@pytest.mark.parametrize("step_mps2", [0.0005, 0.0766])
+def test_readings_that_are_sent_several_times_are_reported(own_hz, sent_hz, times, end, step_mps2):
+    # A reading of 12 bits changes by three steps within 2 ms only in strong motion.
+    samples = held(own_hz, sent_hz, step_mps2, size=0.03 * own_hz)
+    whole = Conditioned(stamps(len(samples), sent_hz), samples).status
+    line = f"each reading is sent {times} times: the sensor measures at about {own_hz:.0f} Hz"
+    assert whole.warnings == (line + end,)
+    assert Conditioned(stamps(len(samples), sent_hz), samples, cuts=range(1, len(samples), 97)).status == whole
+
+
+def some_sent_twice(samples: np.ndarray) -> np.ndarray:
+    again = np.flatnonzero(np.random.default_rng(6).random(len(samples)) < 0.2)[1:]
+    samples[again] = samples[again - 1]
+    return samples
+
+
+def flat_at_times(samples: np.ndarray) -> np.ndarray:
+    for begin in range(3000, len(samples) - 2000, 900):
+        samples[begin : begin + 500] = samples[begin]
+    return samples
+
+
+@pytest.mark.parametrize(
+    "samples",
+    [
+        moving(INDEX / RATE_HZ, step_mps2=0.0766, noise_mps2=0.0, size=0.3),
+        moving(INDEX / RATE_HZ, step_mps2=0.0766, noise_mps2=0.02, size=1.0),
+        moving(INDEX / RATE_HZ, step_mps2=0.31, noise_mps2=0.1, size=3.0),
+        some_sent_twice(moving(INDEX / RATE_HZ)),
+        flat_at_times(moving(INDEX / RATE_HZ)),
+    ],
+    ids=["slow and coarse", "coarse", "very coarse", "some sent twice", "flat at times"],
+)
+def test_other_readings_that_repeat_are_not_taken_for_those_of_a_slower_sensor(samples):
+    assert not Conditioned(stamps(COUNT), samples).status.warnings

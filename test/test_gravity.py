@@ -185,16 +185,30 @@ def test_samples_before_a_gap_count_too_once_they_are_longer_than_rest():
     assert found.status.gap_s == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.parametrize("back_s", [0.16, 0.68, 0.95])
+@pytest.mark.parametrize("at_s", [1.2, 8.37])
+@pytest.mark.parametrize("is_known", [True, False])
+def test_a_clock_that_is_set_back_does_not_falsify_the_rate(back_s, at_s, is_known):
+    samples = swaying(25.0)
+    stamps_ns = stamps(len(samples))
+    stamps_ns[round(at_s * RATE_HZ) :] -= round(back_s * 1e9)
+    status = Conditioned(stamps_ns, samples, gravity=searched(samples) if is_known else None).status
+    assert status.rate_hz == pytest.approx(RATE_HZ, rel=1e-6) and status.filled == 0
+    # The stamps of that time repeat: these samples are late, and their time is missing; live, waiting restarts.
+    assert status.set_back_s == pytest.approx(back_s if is_known else 0.0, abs=0.01)
+    assert status.uncounted_s == pytest.approx(0.0 if is_known else at_s + 10.4, abs=0.4)
+
+
 @settings(max_examples=40)
-@example([3671], "causal", 6.5, False)
+@example([3671], "causal", 6.5, False, 200_000_000)
 @given(
     st.lists(st.integers(0, 17_000), max_size=6), st.sampled_from(["causal", "zero_phase"]), st.floats(1.0, 14.0),
-    st.booleans(),
+    st.booleans(), st.sampled_from([200_000_000, -200_000_000]),
 )  # fmt: skip
-def test_any_cut_gives_the_same_with_known_gravity(cuts, mode, seconds, unset):
+def test_any_cut_gives_the_same_with_known_gravity(cuts, mode, seconds, unset, step_ns):
     samples = swaying(seconds)
     stamps_ns = stamps(len(samples))
-    stamps_ns[len(samples) // 2 :] += 200_000_000
+    stamps_ns[len(samples) // 2 :] += step_ns
     if unset:
         stamps_ns[7::501] = 0
     known = Gravity((0.0, 0.0, G), "motion", samples=(0, len(samples)))

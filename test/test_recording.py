@@ -21,6 +21,7 @@ from biodyn_core.base.wording import counted
 from biodyn_core.body.model import Chain
 from biodyn_core.body.synthesis import ImuStream, SensorSettings, load_case
 from biodyn_core.conditioning.conditioner import ConditioningSettings
+from biodyn_core.conditioning.low_pass import reach
 from biodyn_core.identification.problem import Case
 from biodyn_core.recording.body_sensor import REACH_SHARE
 from biodyn_core.recording.flags import around, stretches
@@ -37,8 +38,8 @@ from biodyn_ros.reading.recordings import RecordingOptions, case_of, read_record
 from biodyn_ros.simulate import simulate_bag
 
 HEAD = MEASURED_SEGMENTS.index("head")
-REACH = round(0.0288 * RATE_HZ)
-"""Reach of the low-pass to either side: ln 1000 over its slowest pole, 240.5 1/s for 100 Hz."""
+REACH = 34
+"""Reach of the low-pass to either side: ln 1000 over the decay of its slowest pole, 0.2045 per sample for 100 Hz."""
 
 
 def recorded(streams, **settings) -> list[Recording]:
@@ -161,12 +162,30 @@ def test_a_clipped_sample_is_masked_as_far_as_the_low_pass_reaches():
     assert any(line.startswith("head: nothing usable in 0.06 s of") for line in recording.warnings)
 
 
-def test_the_low_pass_reaches_no_further_than_stated():
-    sos = signal.butter(4, 100.0, fs=RATE_HZ, output="sos")
+@pytest.mark.parametrize(
+    ("rate_hz", "samples"), [(250.0, 31), (300.0, 21), (400.0, 18), (500.0, 19), (RATE_HZ, REACH), (4000.0, 116)]
+)
+def test_the_low_pass_reaches_no_further_than_stated(rate_hz, samples):
+    # Near the lowest rate the digital filter decays more slowly than the analog one.
+    sos = signal.butter(4, 100.0, fs=rate_hz, output="sos")
+    assert reach(sos, REACH_SHARE) == samples
     impulse = np.zeros(4001)
     impulse[2000] = 1.0
     answer = np.abs(signal.sosfiltfilt(sos, impulse))
-    assert answer[: 2000 - REACH].max() < REACH_SHARE * answer.max()
+    assert answer[: 2000 - samples].max() < REACH_SHARE * answer.max()
+
+
+def test_the_mask_of_a_slow_sensor_covers_the_reach_of_its_own_filter():
+    def thinned(stream):
+        stamps, samples, rates = (part[::4] for part in (stream.stamps_ns, stream.accel_mps2, stream.gyro_radps))
+        return dataclasses.replace(stream, stamps_ns=stamps, accel_mps2=samples, gyro_radps=rates)
+
+    streams = [thinned(stream) for stream in independent_streams(6.0)]
+    good = one(streams, keep_level=True).measured_mps2[:, HEAD]
+    head = one(changed(streams, "head", clip_at(1000, 1)), keep_level=True).measured_mps2[:, HEAD]
+    assert 0 < np.isnan(head).sum() < 80
+    wrong = 16.0 * STANDARD_GRAVITY_MPS2
+    np.testing.assert_allclose(head, np.where(np.isnan(head), head, good), atol=1e-3 * wrong)
 
 
 def test_a_clipped_seat_masks_all_segments_until_the_model_has_settled():

@@ -76,7 +76,7 @@ def test_after_patience_motion_is_averaged():
     np.testing.assert_allclose(rest.mean_mps2, [0.0, 0.0, naive.GRAVITY], atol=0.1)
 
 
-@pytest.mark.parametrize("step_s", [0.06, 1.0, 3600.0, -1.1, -3600.0])
+@pytest.mark.parametrize("step_s", [0.06, 1.0, 3600.0, -0.06, -0.3, -0.9, -1.1, -3600.0])
 def test_no_window_spans_a_break(step_s):
     late = even_s(3000)
     late[500:] += step_s

@@ -20,7 +20,7 @@ from biodyn_core.base.segments import HEAD, SEAT, STANDARD_GRAVITY_MPS2
 from biodyn_core.conditioning.conditioned import Block, SensorStatus
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.conditioning.gravity import Gravity, GravitySearch
-from biodyn_core.conditioning.low_pass import group_delay_s, low_pass_sections, zero_phase
+from biodyn_core.conditioning.low_pass import group_delay_s, low_pass_sections, reach, zero_phase
 from biodyn_core.conditioning.rails import Clipping
 from biodyn_core.conditioning.rest import Rest
 from biodyn_core.conditioning.rest_search import RestSearch
@@ -42,6 +42,15 @@ CLOCK_TIME_CONSTANT_S: Final = 5.0
 
 MAX_JITTER: Final = 0.35
 """With more mean jitter than so many periods, stamps do not show lost samples."""
+
+MAX_COARSE_JITTER: Final = 0.45
+"""The same for quantised stamps: up to a quantum of 1.8 periods each single loss is found (by simulation)."""
+
+QUANTUM_JITTERS: Final = 4.0
+"""A quantum is so many times the mean jitter of stamps that are rounded to it."""
+
+LEAST_READINGS, LEAST_REGULAR, LEAST_SENT = 100, 0.5, 1.9
+"""A driver sends each reading several times if so many readings in motion, and so great a share, are sent so often."""
 
 GRAVITY_TOLERANCE: Final = 0.05
 MAX_RATE_CHANGE: Final = 0.0199
@@ -181,6 +190,10 @@ class Conditioner:
         """Low-pass a whole run (n, ...) like a zero-phase sensor's vertical; not before rest."""
         return zero_phase(self._sos, values)
 
+    def reach(self, share: float) -> int:
+        """Number of samples to either side beyond which the low-pass leaves less than a share; not before rest."""
+        return reach(self._sos, share)
+
     @property
     def fault(self) -> str | None:
         """Why there are no blocks, in one line; None without a fault."""
@@ -276,7 +289,8 @@ class Conditioner:
         s[kernel.PERIOD] = s[kernel.NOMINAL] = rest.period_s
         s[kernel.JITTER] = rest.jitter_s
         s[kernel.LAST : kernel.LAST + 3] = rest.last_mps2
-        s[kernel.AT_CHANGE : kernel.STATE_SIZE] = np.tile(rest.last_mps2, 3)
+        s[kernel.AT_CHANGE : kernel.LEAST_CHANGE] = np.tile(rest.last_mps2, 3)
+        s[kernel.LEAST_CHANGE] = math.inf
         s[kernel.AXIS_PART : kernel.AT_CHANGE] = self._parts_of_axes()
         s[kernel.ROTATION : kernel.LOW_PASS] = rotation_to_vertical(np.array(self._vertical or UP)).ravel()
         turns = CLOCK_TIME_CONSTANT_S * rate_hz
@@ -302,8 +316,12 @@ class Conditioner:
         across = kernel.IN_HORIZONTAL if self.sensor in (SEAT, HEAD) else kernel.NO_PART
         return [kernel.IN_VERTICAL if abs(share) >= LEAST_SHARE else across for share in self._vertical or UP]
 
+    @property
+    def _least_rate_hz(self) -> float:
+        return max(MIN_RATE_HZ, RATE_PER_CUTOFF * self.settings.cutoff_hz)
+
     def _check_rate(self, rate_hz: float) -> None:
-        least = max(MIN_RATE_HZ, RATE_PER_CUTOFF * self.settings.cutoff_hz)
+        least = self._least_rate_hz
         lowest_hz, highest_hz = least * (1.0 - RATE_TOLERANCE), MAX_RATE_HZ * (1.0 + RATE_TOLERANCE)
         if self.mode != "survey" and not lowest_hz <= rate_hz <= highest_hz:
             raise InputError(f"a rate of {rate_hz:.4g} Hz does not fit, {least:g} to {MAX_RATE_HZ:g} Hz are needed")
@@ -318,13 +336,32 @@ class Conditioner:
                 lines.append(line)
             if abs(self._gravity_mps2 / STANDARD_GRAVITY_MPS2 - 1.0) > GRAVITY_TOLERANCE:
                 lines.append(f"gravity at rest reads {self._gravity_mps2:.2f} m/s^2: gain, unit or mounting is wrong")
-            period_s, nominal_s = self._state[kernel.PERIOD], self._state[kernel.NOMINAL]
-            if abs(period_s / nominal_s - 1.0) > MAX_RATE_CHANGE:
-                lines.append("the rate differs by 2 % from that at rest: unnoticed losses, or a change by the driver")
-            if self._state[kernel.JITTER] > MAX_JITTER * self.rest.period_s and not self.rest.coarse:
-                jitter_ms = 1e3 * float(self._state[kernel.JITTER])
-                lines.append(f"stamps jitter by {jitter_ms:.2g} ms, too much to detect lost samples")
+            lines += self._clock_warnings(self.rest) + self._held_warnings()
         return lines
+
+    def _clock_warnings(self, rest: Rest) -> list[str]:
+        lines = []
+        period_s, nominal_s, jitter_s = self._state[[kernel.PERIOD, kernel.NOMINAL, kernel.JITTER]].tolist()
+        if abs(period_s / nominal_s - 1.0) > MAX_RATE_CHANGE:
+            lines.append("the rate differs by 2 % from that at rest: unnoticed losses, or a change by the driver")
+        if rest.coarse and jitter_s > MAX_COARSE_JITTER * rest.period_s:
+            shared = f"several samples share a stamp (about {1e3 * QUANTUM_JITTERS * jitter_s:.2g} ms)"
+            lines.append(f"{shared}: shorter losses may not be counted")
+        elif not rest.coarse and jitter_s > MAX_JITTER * rest.period_s:
+            lines.append(f"stamps jitter by {1e3 * jitter_s:.2g} ms, too much to detect lost samples")
+        return lines
+
+    def _held_warnings(self) -> list[str]:
+        """A warning where a driver sends each reading several times: even stamps then pretend a faster sensor."""
+        readings, regular, sent = self._counts[[kernel.READINGS, kernel.REGULAR, kernel.REGULAR_SENT]].tolist()
+        if readings < LEAST_READINGS or regular < LEAST_REGULAR * readings or sent < LEAST_SENT * regular:
+            return []
+        times = sent / regular
+        own_hz = self.rate_hz / times
+        line = f"each reading is sent {round(times, 1):g} times: the sensor measures at about {own_hz:.0f} Hz"
+        if own_hz < self._least_rate_hz * (1.0 - RATE_TOLERANCE):
+            line += f", and motion above {0.5 * own_hz:.0f} Hz gives wrong figures"
+        return [line]
 
     # --- runs --------------------------------------------------------------------------------------------------------
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -36,3 +37,9 @@ def group_delay_s(sections: Floats, rate_hz: float) -> float:
     for b0, b1, b2, a0, a1, a2 in sections.tolist():
         delay += (b1 + 2.0 * b2) / (b0 + b1 + b2) - (a1 + 2.0 * a2) / (a0 + a1 + a2)
     return delay / rate_hz
+
+
+def reach(sections: Floats, share: float) -> int:
+    """Number of samples after which the slowest pole of the sections (s, 6) has decayed to a share."""
+    radius = max(float(np.abs(np.roots(section[3:])).max()) for section in sections)
+    return math.ceil(math.log(share) / math.log(radius))

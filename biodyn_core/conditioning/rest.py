@@ -11,7 +11,6 @@ import numpy as np
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.conditioning.sampling_clock import clock_of
-from biodyn_core.kernels.sensor import LEAP_S
 
 _CONSTANT_SAMPLES: Final = 1_000
 """So many samples with one stamp mean that stamps do not advance."""
@@ -23,7 +22,7 @@ _MAX_PER_S: Final = 50_000.0
 """No sensor sends more samples in a second: with more the stamps do not advance."""
 
 _MAX_STEPS: Final = 5.0
-"""A step of the stamps up to so many typical ones is no gap, so that a slow sensor has none."""
+"""A step of the stamps up to so many typical ones, ahead or back, is no break, so that a slow sensor has none."""
 
 _TYPICAL_STEPS: Final = 100
 """The typical step is the median of so many at the start of a window, a fixed number, so that cuts change nothing."""
@@ -149,7 +148,8 @@ class RestWindow:
             if past.size == 0 and steps_s.size < _TYPICAL_STEPS:
                 return None
             longest_s = max(self._max_gap_s, _MAX_STEPS * float(np.median(steps_s[:_TYPICAL_STEPS])))
-            breaks = np.flatnonzero((steps_s > longest_s) | (steps_s < -LEAP_S))
+            # A clock that is set back within a window falsifies the rate like a gap, unless by a few samples.
+            breaks = np.flatnonzero(np.abs(steps_s) > longest_s)
             most = int(_MAX_PER_S * self._rest_s)
             if breaks.size and breaks[0] < most:
                 after_break = self._start + int(breaks[0]) + 1

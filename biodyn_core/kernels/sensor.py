@@ -27,6 +27,7 @@ LOW_PASS_STATE: Final = LOW_PASS + 6 * SECTIONS
 # bias. Also state: the slow level of the gravity tracker and the two stamps around the last gap. For the detection of
 # rails each call stores the reading before its first (3), whether the two belong to one run, and the largest reading.
 # For dead axes: the part of each axis in the figures (3), and the reading at the last change of each axis (3 x 3).
+# For readings that are sent several times: the least change of a reading so far, on the axis that changes most.
 (
     MAX_GAP,
     FLAT_AFTER,
@@ -43,7 +44,8 @@ LOW_PASS_STATE: Final = LOW_PASS + 6 * SECTIONS
 BEFORE: Final = AT_REST + 3
 JOINED, LARGEST, AXIS_PART = range(BEFORE + 3, BEFORE + 6)
 AT_CHANGE: Final = AXIS_PART + 3
-STATE_SIZE: Final = AT_CHANGE + 9
+LEAST_CHANGE: Final = AT_CHANGE + 9
+STATE_SIZE: Final = LEAST_CHANGE + 1
 
 NO_PART, IN_HORIZONTAL, IN_VERTICAL = 0.0, 1.0, 2.0
 """The part of an axis in the figures of its sensor."""
@@ -72,10 +74,16 @@ NO_PART, IN_HORIZONTAL, IN_VERTICAL = 0.0, 1.0, 2.0
 ) = range(19)
 # Of each axis since its last change: samples at which another axis was away from its reading then, and the first one.
 MOVING_FROM: Final = MOVING + 3
-COUNT_SIZE: Final = MOVING_FROM + 3
+# Of readings before a clear change: how many, how often the last one was sent, how many were sent as often as the one
+# before (one more or less is as often), and how often these in all.
+READINGS, SENT, REGULAR, REGULAR_SENT = range(MOVING_FROM + 3, MOVING_FROM + 7)
+COUNT_SIZE: Final = MOVING_FROM + 7
 
 AWAY_MPS2: Final = 0.5
 """An axis so far from its reading at the last change of another one has moved: six steps of 12 bits and 16 g."""
+
+CLEAR_CHANGES: Final = 3.0
+"""A change of a reading by more than so many least ones is motion, and not one step of a coarse sensor."""
 
 DONE, NEW_RUN, UNDECIDED, ACCEPT, REJECTED = range(5)
 """Decisions on a sample, and reasons to return: all read; the next begins a run; the next depends on later samples."""
@@ -252,6 +260,7 @@ def _count_reading(stamp: float, samples: Floats, at: int, state: Floats, counts
     counts[CLIPPED] += largest >= state[SATURATION]
     _count_dead_axes(samples, at, state, counts)
     if not _same(samples, at, state):
+        _count_sent(samples, at, state, counts)
         state[FLAT_SINCE] = stamp
         counts[REPEATED] = 0
         return
@@ -259,6 +268,26 @@ def _count_reading(stamp: float, samples: Floats, at: int, state: Floats, counts
     if stamp - state[FLAT_SINCE] >= state[FLAT_AFTER]:
         _count_up_to(FLAT, FLAT_UP_TO, counts[ACCEPTED] + 1 - counts[REPEATED], counts)
         counts[REPEATED] = 0
+
+
+@inlined
+def _count_sent(samples: Floats, at: int, state: Floats, counts: Integers) -> None:
+    """Count how often the reading before a clear change was sent: a driver may send each one several times.
+
+    A coarse sensor repeats readings too, but in slow motion, where it changes by single steps.
+    """
+    change = 0.0
+    for c in range(3):
+        change = max(change, abs(samples[at, c] - state[LAST + c]))
+    state[LEAST_CHANGE] = min(state[LEAST_CHANGE], change)
+    if change <= CLEAR_CHANGES * state[LEAST_CHANGE]:
+        return
+    sent = counts[REPEATED] + 1
+    counts[READINGS] += 1
+    if abs(sent - counts[SENT]) <= 1:
+        counts[REGULAR] += 1
+        counts[REGULAR_SENT] += sent
+    counts[SENT] = sent
 
 
 @inlined

@@ -22,7 +22,6 @@ from biodyn_core.conditioning.attitude import (
 from biodyn_core.conditioning.channels import Gyro, interpolated
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.conditioning.conditioner import Conditioner
-from biodyn_core.conditioning.low_pass import FILTER_ORDER
 from biodyn_core.conditioning.rails import LEAST_MPS2
 from biodyn_core.conditioning.tilt import UP, horizontal_axes, rotation_to_vertical
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
@@ -168,11 +167,9 @@ class SensorTrack:
             x, y, _ = (-turn @ moving.mean(axis=0)).tolist()
             self.mean_tilt = x, y
 
-    def reach(self, rate_hz: float) -> int:
+    def reach(self) -> int:
         """Number of samples that the low-pass reaches to either side: the decay of its slowest pole to REACH_SHARE."""
-        cutoff_hz = self._conditioner.settings.cutoff_hz
-        decay_per_s = 2.0 * math.pi * cutoff_hz * math.sin(math.pi / (2.0 * FILTER_ORDER))
-        return math.ceil(-math.log(REACH_SHARE) / decay_per_s * rate_hz)
+        return self._conditioner.reach(REACH_SHARE)
 
     def invalid(self, block: Block, bridge_s: float) -> Flags:
         """Flags of samples of a run (n,) that are clipped, stuck, or interpolated across more than `bridge_s`."""
@@ -192,7 +189,7 @@ class SensorTrack:
 
         NaN at invalid samples and within the low-pass's reach of them.
         """
-        block, reach = run.block, self.reach(run.block.rate_hz)
+        block, reach = run.block, self.reach()
         masked = around(invalid, reach, reach)
         tracks = [np.where(masked, np.nan, block.low_passed_mps2)]
         if not self._with_channels:

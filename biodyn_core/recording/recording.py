@@ -155,7 +155,7 @@ class Recorder:
     def _recording(self, run: Run, aligners: Mapping[str, Sequence[Aligner]]) -> Recording:
         """A recording from one run of the seat, without its ends, where the low-pass lacks samples."""
         seat, rate_hz = self._sensors[SEAT], _mean_rate_hz(run.block)
-        reach = seat.reach(run.block.rate_hz)
+        reach = seat.reach()
         inner = slice(reach, run.block.time_s.size - reach)
         block = run.block.part(inner.start, inner.stop)
         invalid = seat.invalid(run.block, self.settings.bridge_s)
