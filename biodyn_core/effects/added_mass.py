@@ -14,7 +14,10 @@ EFFECT = SegmentForce(
     family="added_mass",
     variant_of="sprung_mass",
     equation="m (x_m'' + a_s) = -k (x_m - x_i) - c (x_m' - x_i'), k = m (2 pi f)^2, reaction on the segment",
-    general_form="k (1 + |x_m - x_i| / L)^q, L = 10 mm, and a spring m (2 pi f_h)^2 from the mass to the seat",
+    general_form=(
+        "k (1 + |x_m - x_i| / L)^q, L = 10 mm, and from the mass to the seat a spring m (2 pi f_h)^2 with a damper of"
+        " 0.01 s times it"
+    ),
     signature="first visible in the channel below",
     parameters=(
         EffectParameter("mass_kg", "kg", 0.0, 10.0, 1.5, "strength"),

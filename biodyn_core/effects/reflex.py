@@ -50,7 +50,7 @@ EFFECT = JointForce(
     name="reflex",
     family="memory",
     equation="F += k g stretch(t - tau)",
-    general_form="F += k g y / sqrt(1 + (y / y0)^2), y = stretch(t - tau) (1 + h s) / (1 + T s)^2",
+    general_form="F += k g y / sqrt(1 + (y / y0)^2), y = stretch(t - tau) (1 + h s) / (1 + T s)^2, T = lag + 2 ms",
     signature="a ripple of the phase at 3 to 8 Hz",
     parameters=(
         EffectParameter("gain", "", 0.0, 1.5, 0.2, "strength"),
