@@ -49,8 +49,14 @@ MAX_COARSE_JITTER: Final = 0.45
 QUANTUM_JITTERS: Final = 4.0
 """A quantum is so many times the mean jitter of stamps that are rounded to it."""
 
-LEAST_READINGS, LEAST_REGULAR, LEAST_SENT = 100, 0.5, 1.9
-"""A driver sends each reading several times if so many readings in motion, and so great a share, are sent so often."""
+LEAST_READINGS: Final = 100
+"""So many readings before clear changes show whether a driver sends each one several times."""
+
+LEAST_REGULAR: Final = 0.5
+"""It does if at least this share of them is sent as often as the one before."""
+
+LEAST_SENT: Final = 1.9
+"""It does if these are sent so often on average."""
 
 GRAVITY_TOLERANCE: Final = 0.05
 MAX_RATE_CHANGE: Final = 0.0199
