@@ -305,6 +305,27 @@ def test_a_vehicle_that_gathers_speed_smoothly_is_not_at_rest() -> None:
     assert [(rest.begin_s, rest.end_s) for rest in rests] == [(0.0, 5.0)]
 
 
+@pytest.mark.parametrize("forward_mps2", [0.3, 0.8, 1.3])
+@pytest.mark.parametrize("jolt_s", [0.0, 1.0])
+def test_a_vehicle_that_gathers_speed_as_quietly_as_it_stands_is_not_at_rest(
+    forward_mps2: float, jolt_s: float
+) -> None:
+    """A stop of 5 s, 8 s of gathering speed, a drive, 10 s of braking, a stop of 12 s; with and without jolts."""
+    up, jolts = shaken(62.0, 0.8, 13.0), shaken(62.0, 0.8, 0.0)
+    up[round(40.0 * SEAT_HZ) :] = 0.0
+    for at_s in (5.0, 50.0):
+        jolt = slice(round(at_s * SEAT_HZ), round((at_s + jolt_s) * SEAT_HZ))
+        up[jolt] = jolts[jolt]
+    stamps, samples = made(62.0, up)
+    time_s = np.arange(len(stamps)) / SEAT_HZ
+    samples[(time_s >= 5.0) & (time_s < 13.0), 0] += forward_mps2
+    samples[(time_s >= 40.0) & (time_s < 50.0), 0] -= forward_mps2
+    found = found_in({"seat": (stamps, samples)})
+    rests = [time for rest in found.rests for time in (rest.begin_s, rest.end_s)]
+    assert rests == pytest.approx([0.0, 5.0, 50.0 + jolt_s, 62.0], abs=0.6)
+    assert found.events and not [line for line in found.warnings if "turned" in line]
+
+
 def test_a_rest_on_a_slope_gives_no_gravity_and_no_alarm() -> None:
     """The vehicle stands three times, once tilted by 8 deg; all sensors turn with it."""
     up = shaken(120.0, 0.8)

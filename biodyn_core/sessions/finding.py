@@ -1,4 +1,4 @@
-"""Finding: rests, groups of shocks and steady stretches in the sums of a seat.
+"""Finding: groups of shocks and steady stretches between the rests, in the sums of a seat.
 
 A shock exceeds `shock_g`, and the level around it `shock_crest` times. Shocks that follow each other are a group; a
 group with several single strikes is a train of shocks.
@@ -21,7 +21,8 @@ from biodyn_core.base.wording import counted
 from biodyn_core.recording.flags import stretches
 from biodyn_core.recording.recording import WARM_UP_S
 from biodyn_core.sessions.bins import Bins
-from biodyn_core.sessions.digest import COARSE_S, HIGH, LEVELLED, LOW_PASSED, SQUARE
+from biodyn_core.sessions.digest import COARSE_S, HIGH, LOW_PASSED
+from biodyn_core.sessions.rests import find_rests
 from biodyn_core.sessions.settings import SessionSettings
 
 Kind = Literal["train", "shock", "steady"]
@@ -31,9 +32,6 @@ SEAT_GAP_S: Final = 0.1
 
 LEVEL_QUANTILE: Final = 0.25
 """Of half seconds around a shock: three quarters of them may hold shocks. In a steady drive it is 0.9 of the rms."""
-
-QUIETEST_SHARE: Final = 0.05
-"""The share of a session, by its quietest half seconds, that shows how still the vehicle can be."""
 
 
 @dataclass(frozen=True)
@@ -91,37 +89,6 @@ def find(coarse: Bins, fine: Bins, settings: SessionSettings | None = None) -> F
         windows += [*shocks, *_steady_windows(fine, taken, begin_s, end_s, s)]
         left_out += [_early_line(early, begin_s)] if early else []
     return Found(tuple(resting), tuple(sorted(windows, key=lambda window: window.begin_s)), tuple(left_out))
-
-
-def find_rests(coarse: Bins, settings: SessionSettings) -> list[tuple[float, float]]:
-    """The stretches in which the seat does not move: quiet for the session, with one mean reading throughout."""
-    s, width_s = settings, coarse.width_s
-    there = coarse.counts > 0.0
-    if not there.any():
-        return []
-    full = coarse.counts >= 0.5 * np.median(coarse.counts[there])
-    counts = np.where(full, coarse.counts, 1.0)[:, None]
-    mean = coarse.sums[:, LEVELLED] / counts
-    spread = np.sqrt(np.maximum(coarse.sums[:, SQUARE] / counts[:, 0] - (mean**2).sum(axis=1), 0.0))
-    quietest = float(np.quantile(spread[full], QUIETEST_SHARE))
-    quiet = full & (spread <= min(s.rest_level_mps2, max(s.rest_floor_mps2, s.rest_ratio * quietest)))
-    found = [
-        (begin * width_s, end * width_s)
-        for first, last in stretches(quiet)
-        for begin, end in _with_one_mean(mean, first, last, s.rest_drift_mps2)
-    ]
-    return [(begin_s, end_s) for begin_s, end_s in found if end_s - begin_s >= s.rest_least_s]
-
-
-def _with_one_mean(mean: Floats, first: int, last: int, drift_mps2: float) -> Iterator[tuple[int, int]]:
-    """The parts of a stretch of intervals whose means (b, 3) stay near the mean of the part so far."""
-    begin, total = first, mean[first].copy()
-    for at in range(first + 1, last):
-        if np.linalg.norm(mean[at] - total / (at - begin)) > drift_mps2:
-            yield begin, at
-            begin, total = at, np.zeros(3)
-        total += mean[at]
-    yield begin, last
 
 
 def find_shocks(fine: Bins, settings: SessionSettings) -> Integers:
