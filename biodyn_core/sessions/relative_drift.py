@@ -6,7 +6,9 @@ turns it in proportion to frequency and time. The drift is the one that aligns t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -43,20 +45,32 @@ In 40 sessions of 20 minutes it was 3.3 at most; a sensor with four times as muc
 TINY: Final = 1e-300
 """Against division by zero where a channel does not move."""
 
+BANDS: Final = 3
+"""Parts of the band whose drifts are compared."""
+
 LEFT_OUT: Final = 8
 """Parts of the session of which each is left out once for the error."""
 
 
 @dataclass(frozen=True)
 class RelativeDrift:
-    """Drift of a sensor's clock against the seat's: positive if it is fast; error: standard error."""
+    """Drift of a sensor's clock against the seat's: positive if it is fast.
+
+    chance_ppm: standard error by the parts of the session. spread_ppm: how much more the bands differ than by chance.
+    """
 
     ppm: float
-    error_ppm: float
+    chance_ppm: float
+    spread_ppm: float = 0.0
 
-    def is_sure(self, seconds: float, sigmas: float, least_s: float) -> bool:
-        """Whether it differs from zero, and changes times over a session by a noticeable amount."""
-        return abs(self.ppm) > sigmas * self.error_ppm and 1e-6 * abs(self.ppm) * seconds > least_s
+    @property
+    def error_ppm(self) -> float:
+        """The standard error, of chance and of a body that changes."""
+        return math.hypot(self.chance_ppm, self.spread_ppm)
+
+    def apart_s(self, seconds: float) -> float:
+        """By how much times change over a session."""
+        return 1e-6 * abs(self.ppm) * seconds
 
 
 class PhaseMeter:
@@ -96,16 +110,12 @@ class PhaseMeter:
         """The drift so far; None for too little motion, and for a sensor whose motion does not follow the seat."""
         if len(self._blocks) < LEFT_OUT or self._frames < LEAST_FRAMES:
             return None
-        blocks, time_s, frequency_hz = np.array(self._blocks), np.array(self._time_s), self._frequency_hz
-        step = _step(time_s, frequency_hz)
-        drift = _refined(_coarse(blocks, time_s, frequency_hz), step, blocks, time_s, frequency_hz)
-        if _score(_aligned(drift, blocks, time_s, frequency_hz), blocks) < LEAST_SCORE:
-            return None
-        parts = np.arange(len(blocks)) * LEFT_OUT // len(blocks)
-        left = [(blocks[parts != k], time_s[parts != k]) for k in range(LEFT_OUT)]
-        others = [_refined(drift, step, *one, frequency_hz) for one in left]
-        error = np.sqrt((LEFT_OUT - 1) / LEFT_OUT * ((np.array(others) - np.mean(others)) ** 2).sum())
-        return RelativeDrift(1e6 * drift, 1e6 * float(error))
+        blocks, time_s = np.array(self._blocks), np.array(self._time_s)
+        found = _estimate(blocks, time_s, self._frequency_hz)
+        parts = np.array_split(np.arange(self._frequency_hz.size), BANDS)
+        bands = [_estimate(blocks[:, part], time_s, self._frequency_hz[part]) for part in parts]
+        spread_ppm = _spread_ppm([one for one in bands if one is not None])
+        return found and replace(found, spread_ppm=spread_ppm)
 
     def _phase(self, seat: Floats, sensor: Floats) -> Complexes:
         """The phase of a frame at the frequencies of the band, of unit length (f,)."""
@@ -118,6 +128,33 @@ def block_extent(number: int) -> tuple[int, int]:
     """The first interval of a block, and the one after its last; blocks overlap by half a frame."""
     begin = number * BLOCK_FRAMES * HOP
     return begin, begin + (BLOCK_FRAMES - 1) * HOP + FRAME
+
+
+def _estimate(blocks: Complexes, time_s: Floats, frequency_hz: Floats) -> RelativeDrift | None:
+    """The drift with its error of chance; None if the phases are no better aligned than by chance.
+
+    blocks (k, f) at the frequencies (f,) and times (k,).
+    """
+    step = _step(time_s, frequency_hz)
+    drift = _refined(_coarse(blocks, time_s, frequency_hz), step, blocks, time_s, frequency_hz)
+    if _score(_aligned(drift, blocks, time_s, frequency_hz), blocks) < LEAST_SCORE:
+        return None
+    parts = np.arange(len(blocks)) * LEFT_OUT // len(blocks)
+    left = [(blocks[parts != k], time_s[parts != k]) for k in range(LEFT_OUT)]
+    others = [_refined(drift, step, *one, frequency_hz) for one in left]
+    error = np.sqrt((LEFT_OUT - 1) / LEFT_OUT * ((np.array(others) - np.mean(others)) ** 2).sum())
+    return RelativeDrift(1e6 * drift, 1e6 * float(error))
+
+
+def _spread_ppm(bands: Sequence[RelativeDrift]) -> float:
+    """How much more the drifts of bands differ than by chance, as a standard deviation.
+
+    A clock turns the phases of all bands by one drift. A body that softens as the level rises turns each by another.
+    """
+    if len(bands) < 2:
+        return 0.0
+    excess = float(np.var([one.ppm for one in bands], ddof=1)) - float(np.mean([one.chance_ppm**2 for one in bands]))
+    return math.sqrt(max(0.0, excess))
 
 
 def _step(time_s: Floats, frequency_hz: Floats) -> float:

@@ -94,7 +94,9 @@ class Session:
         found = find(self._seat.coarse, fine, self.settings)
         rests = tuple(self._rest(begin_s, end_s) for begin_s, end_s in found.rests)
         seconds = self._seconds()
-        drifts = dict(self._drifts(seconds))
+        noticeable = dict(self._noticeable(seconds))
+        sigmas = self.settings.drift_sigmas
+        drifts = {name: one for name, one in noticeable.items() if abs(one.ppm) > sigmas * one.error_ppm}
         faults = tuple(fault for name in self._present() for fault in self._faults(name, seconds))
         count = np.maximum(fine.counts, 1.0)
         return Findings(
@@ -109,7 +111,7 @@ class Session:
             warnings=(
                 *self._warnings(),
                 *_moved(rests, self.settings.moved_deg),
-                *(_drift_line(name, drift, seconds) for name, drift in drifts.items()),
+                *(_drift_line(name, drift, seconds, name in drifts) for name, drift in noticeable.items()),
                 *found.left_out,
             ),
         )
@@ -186,12 +188,14 @@ class Session:
             for begin, end in stretches(flag):
                 yield Fault(name, kind, begin * COARSE_S, end * COARSE_S)
 
-    def _drifts(self, seconds: float) -> Iterator[tuple[str, RelativeDrift]]:
-        """The drift of each clock against the seat's, where it is sure and noticeable."""
+    def _noticeable(self, seconds: float) -> Iterator[tuple[str, RelativeDrift]]:
+        """The drift of each clock against the seat's that is above chance and changes times noticeably."""
         s = self.settings
         for name, meter in self._phases.items():
             found = meter.drift()
-            if found is not None and found.is_sure(seconds, s.drift_sigmas, 1e-3 * s.drift_ms):
+            if found is None or 1e3 * found.apart_s(seconds) <= s.drift_ms:
+                continue
+            if abs(found.ppm) > s.drift_sigmas * found.chance_ppm:
                 yield name, found
 
     def _add_phases(self, final: bool) -> None:
@@ -218,12 +222,15 @@ class Session:
             yield from (f"{name}: {line}" for line in digest.status().warnings)
 
 
-def _drift_line(name: str, drift: RelativeDrift, seconds: float) -> str:
-    """The drift of a clock, and its effect."""
-    apart_ms = 1e-3 * abs(drift.ppm) * seconds
+def _drift_line(name: str, drift: RelativeDrift, seconds: float, is_sure: bool) -> str:
+    """The drift of a clock and its effect, or why it is not corrected."""
+    size = f"{drift.ppm:+.1f} ppm (error {drift.error_ppm:.1f})"
+    apart = f"{1e3 * drift.apart_s(seconds):.1f} ms over the session"
+    if is_sure:
+        return f"{name}: its clock drifts by {size} against the seat's, {apart}: corrected where events are read"
     return (
-        f"{name}: its clock drifts by {drift.ppm:+.1f} ppm (error {drift.error_ppm:.1f}) against the seat's,"
-        f" {apart_ms:.1f} ms over the session: corrected where events are read"
+        f"{name}: a drift of its clock by {size} against the seat's, {apart}, is not corrected: low and high"
+        " frequencies disagree, as in a body that softens while the level rises"
     )
 
 
