@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -74,6 +75,16 @@ def test_the_size_of_a_gain_is_within_a_few_percent(gain: float) -> None:
     assert found.size == pytest.approx(gain, abs=0.006)
     assert found.after_percent < found.before_percent
     assert found.after_percent == pytest.approx(found.background_percent, rel=0.2)
+
+
+@pytest.mark.parametrize("gain", [0.33, -0.33, 0.08])
+def test_the_interval_of_a_fault_beyond_the_searched_range_has_no_outer_end(gain: float) -> None:
+    """The search ends at gains of 30 %."""
+    found = checked(1, lambda pair: (1.0 + gain) * pair.under_test)
+    inner, outer = (found.lower, found.upper) if gain > 0.0 else (found.upper, found.lower)
+    assert (found.verdict, found.name) == ("effect", "gain")
+    assert found.lower <= gain <= found.upper
+    assert math.isfinite(inner) and math.isinf(outer) == (gain != 0.08)
 
 
 @pytest.mark.parametrize("late_s", [-0.004, 0.0015])

@@ -19,6 +19,9 @@ Map = Callable[[Floats], Floats]
 DIFFERENCE: Final = 1e-3
 """Step of a derivative by a free value, relative."""
 
+END_SHARE: Final = 0.01
+"""A free value within this share of its range from an end is at the end."""
+
 OVERDAMPED: Final = 10.0
 """The catalogue's skin with this damping ratio is a first-order lag, within a percent."""
 
@@ -76,7 +79,8 @@ PARAMETRIZATIONS: Final = _parametrizations()
 class FaultFit:
     """One candidate: cross-validated residual (n,) and log ratios (w,), size and unit, and its changes (n,).
 
-    error: standard error of the size by the scatter of the windows.
+    error: standard error of the size by the scatter of the windows. is_at_end: the size is the largest of the searched
+    range, and the true one can be larger.
     """
 
     residual: Floats
@@ -85,6 +89,7 @@ class FaultFit:
     unit: str
     changes: tuple[Floats, ...]
     error: float
+    is_at_end: bool
 
     @property
     def gain(self) -> float:
@@ -130,7 +135,16 @@ def fit_fault(forms: tuple[Parametrization, ...], stretch: Stretch, expected: Fl
     ratios = np.log(sums[0][known] / np.maximum(sums[1][known], 1e-300))
     changes = tuple(shown(free) - expected for shown, (free, _) in zip(maps, fits, strict=True))
     error = _standard_error(forms[best], maps[best], fits[best][0], stretch, weight)
-    return FaultFit(residual, ratios, forms[best].size(fits[best][0]), forms[best].unit, changes, error)
+    form, free = forms[best], fits[best][0]
+    return FaultFit(residual, ratios, form.size(free), form.unit, changes, error, _is_at_end(form, free))
+
+
+def _is_at_end(form: Parametrization, free: Floats) -> bool:
+    """Whether a free value is at an end of its range towards which the size grows."""
+    lower, upper, size = np.array(form.lower), np.array(form.upper), abs(form.size(free))
+    near = END_SHARE * (upper - lower)
+    inward = np.where(free > upper - near, -near, np.where(free < lower + near, near, 0.0))
+    return any(abs(form.size(free + step)) < size for step in np.diag(inward))
 
 
 def _standard_error(form: Parametrization, shown: Map, free: Floats, stretch: Stretch, weight: Floats) -> float:

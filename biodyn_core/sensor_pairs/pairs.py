@@ -84,9 +84,10 @@ class Pair:
 class PairCheck:
     """The result of a check.
 
-    name, size: of the fault, in its unit; lower, upper: its 95 % interval, NaN without one. gains: cross-validated
-    mean log ratios of squared errors by candidate; threshold: the required gain. Percent of the channel's rms:
-    background in the earlier stretch; before: with its transfer in the checked stretch; after: with the fault as well.
+    name, size: of the fault, in its unit; lower, upper: its 95 % interval, NaN without one, an outer end infinite where
+    the size is at the end of the searched range. gains: cross-validated mean log ratios of squared errors by candidate;
+    threshold: the required gain. Percent of the channel's rms: background in the earlier stretch; before: with its
+    transfer in the checked stretch; after: with the fault as well.
     """
 
     verdict: Verdict
@@ -277,8 +278,7 @@ def _with_baseline(stretch: Stretch, good: Stretch, seed: int, s: PairSettings) 
         best if seen else "",
         one.size if seen else 0.0,
         one.unit if seen else "",
-        one.size - half_length,
-        one.size + half_length,
+        *_interval(one, half_length),
         like,
         background_percent=background,
         before_percent=before,
@@ -286,6 +286,14 @@ def _with_baseline(stretch: Stretch, good: Stretch, seed: int, s: PairSettings) 
         gains={name: fits[name].gain for name in names},
         threshold=threshold,
     )
+
+
+def _interval(one: FaultFit, half_length: float) -> tuple[float, float]:
+    """The ends of the interval of a size; without an outer end where the size is at the end of the searched range."""
+    lower, upper = one.size - half_length, one.size + half_length
+    if one.is_at_end and math.isfinite(half_length):
+        return (lower, math.inf) if one.size > 0.0 else (-math.inf, upper)
+    return lower, upper
 
 
 def _as_good(other: FaultFit, best: FaultFit) -> bool:

@@ -97,12 +97,21 @@ def _row(pair: SensorPair, result: SensorCheck) -> tuple[str, ...]:
         fault = FAULTS[found.name]
         ends = [fault.factor * value for value in (found.size, found.lower, found.upper)]
         size, lower, upper = with_interval(*(None if math.isnan(value) else value for value in ends))
-        interval = f"{lower} to {upper}" if not math.isnan(found.lower) else "–"
+        interval = _interval(found, lower, upper)
         unit = fault.unit
     errors = (found.background_percent, found.before_percent, found.after_percent)
     stretches = f"{found.agreeing} of {found.decidable}" if found.decidable else "–"
     percents = [number(value if math.isfinite(value) else None) for value in errors]
     return (*pair, result.axis or "–", _title(found), size, interval, unit, *percents, stretches)
+
+
+def _interval(found: Finding, lower: str, upper: str) -> str:
+    """The ends of an interval; one end where the size is at the end of the searched range."""
+    if math.isnan(found.lower):
+        return "–"
+    if math.isinf(found.upper):
+        return f"at least {lower}"
+    return f"at most {upper}" if math.isinf(found.lower) else f"{lower} to {upper}"
 
 
 def _title(found: Finding) -> str:
