@@ -98,6 +98,21 @@ def test_a_part_is_whole_where_stamps_and_log_times_move_apart(tmp_path: Path, s
         assert found == pytest.approx(wanted.sum(), abs=1), part
 
 
+@pytest.mark.parametrize("stray_s", [100.0, -1e9])
+def test_a_stray_first_stamp_does_not_shift_a_part(tmp_path: Path, stray_s: float) -> None:
+    """As of a driver whose clock is set after its first message."""
+    path, rate_hz = tmp_path / "stray.mcap", 100.0
+    log_ns = 1_700_000_000 * 10**9 + np.rint(1e9 * np.arange(3000) / rate_hz).astype(np.int64)
+    stamps_ns = log_ns.copy()
+    stamps_ns[0] += round(1e9 * stray_s)
+    with BagWriter(path) as writer:
+        writer.add_topic(INPUT[SEAT], IMU_TYPE)
+        writer.write(INPUT[SEAT], log_ns, encode_imu(stamps_ns, np.tile([0.0, 0.0, 9.81], (3000, 1)), None, "imu"))
+    with open_sensors(f"{path}@10..20", OPTIONS) as sensors:
+        found = np.concatenate([block.stamps_ns for _, block in sensors.blocks(ignore_progress)])
+    assert (found[0] - log_ns[0]) / 1e9 == pytest.approx(10.0, abs=0.02) and len(found) >= 1000
+
+
 def test_a_file_of_that_name_is_no_reference(tmp_path: Path) -> None:
     (tmp_path / "a@1..2").touch()
     assert part_of(str(tmp_path / "a@1..2")).is_whole

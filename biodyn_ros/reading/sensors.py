@@ -15,6 +15,7 @@ from biodyn_core.base.segments import SEAT
 from biodyn_core.conditioning.clocks import ClockComparison
 from biodyn_core.conditioning.conditioned import SensorStatus
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
+from biodyn_core.kernels.sensor import LEAP_S
 from biodyn_ros.bag import BagReader, LoggedImu, LogTimes, imu_blocks, open_bag
 from biodyn_ros.base.progress import OnProgress
 from biodyn_ros.reading.mapping import sensors_of
@@ -23,6 +24,12 @@ from biodyn_ros.reading.parts import CLOCK_SHARE, Bag, BagPart, Extent, latest_e
 from biodyn_ros.reading.provenance import is_made_by_model
 from biodyn_ros.reading.saturation import limits_of
 from biodyn_ros.reading.stamps import SensorClock, choose_times, clock_warnings
+
+FIRST_SAMPLES: Final = 21
+"""The first samples of the seat, of which a stray stamp is not the begin of the bag."""
+
+STRAY_SPREADS: Final = 4.0
+"""A stamp is stray if it is farther from the median of these than so many median distances: even ones are within 2."""
 
 AT_THE_END_S: Final = 10.0
 """The last sample of the seat is searched in so much log time first."""
@@ -83,12 +90,19 @@ class SensorReading:
         return self._extent.of(blocks)
 
     def first_of_seat(self) -> tuple[int, int]:
-        """Stamp and log time, ns, of the seat's first sample; raises InputError without any."""
+        """Stamp and log time, ns, of the seat's first sample, not of a stray one; raises InputError without any."""
+        stamps_ns, logs_ns = np.zeros(0, np.int64), np.zeros(0, np.int64)
         for block in self._seat_blocks():
-            is_set = np.flatnonzero(block.stamps_ns)
-            if is_set.size:
-                return int(block.stamps_ns[is_set[0]]), int(block.log_ns[is_set[0]])
-        raise InputError(f"{self._reader.path}: the seat has no sample with a stamp")
+            is_set = block.stamps_ns != 0
+            stamps_ns = np.append(stamps_ns, block.stamps_ns[is_set])[:FIRST_SAMPLES]
+            logs_ns = np.append(logs_ns, block.log_ns[is_set])[:FIRST_SAMPLES]
+            if stamps_ns.size == FIRST_SAMPLES:
+                break
+        if not stamps_ns.size:
+            raise InputError(f"{self._reader.path}: the seat has no sample with a stamp")
+        apart_ns = np.abs(stamps_ns - np.median(stamps_ns))
+        at = int(np.argmax(apart_ns <= max(1e9 * LEAP_S, STRAY_SPREADS * float(np.median(apart_ns)))))
+        return int(stamps_ns[at]), int(logs_ns[at])
 
     def _last_of_seat(self, log_ns: int) -> tuple[int, int]:
         """Stamp and log time, ns, of the seat's last sample; log_ns: the log time of its first one."""
