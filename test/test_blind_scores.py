@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from blind_answers import SUBJECT
+from world.effects.sitting import Plan, drawn
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX
@@ -19,7 +20,7 @@ from biodyn_core.identification.fit import fit_joint
 from biodyn_core.identification.problem import Case
 from blind.tracing import refits, score
 from blind.tracing.outcome import Answer, Cause, Score
-from blind.tracing.records import Record
+from blind.tracing.records import Record, record
 from blind.tracing.refits import oracle, placebo
 from blind.tracing.rows import Drawing
 from blind.tracing.score import generic_percent, ratio, recovered, sum_of_squares, unseen
@@ -131,6 +132,28 @@ def test_a_refit_that_fails_does_not_take_the_ratio(
     sitting = SimpleNamespace(effects=(), level=0.0)
     found = score.scored(Drawing("strong", 1, needs="all"), given, sitting)  # type: ignore[arg-type]
     assert found.ratio is not None and found.ratio > 0.8 and found.why == f"{fails}: gap_m is nan"
+
+
+def test_the_ceilings_of_two_effects_are_of_records_with_one_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The record without an effect is the same for both, and each effect changes something by itself."""
+    asked: list[tuple[Record, Cause, Record]] = []
+
+    def ideal(hidden: Record, before: Subject, cause: Cause, plain: Record, without: Subject) -> object:
+        asked.append((hidden, cause, plain))
+        return SimpleNamespace(of_answers={cause.mechanism: 0.123456, "none": 0.876544})
+
+    monkeypatch.setattr(score, "_base_fit", lambda known: SimpleNamespace(subject=SUBJECT))
+    monkeypatch.setattr(score, "ceiling", ideal)
+    plan = Plan(counts=(1, 0, 0), seconds=(4.0, 0.0, 0.0), uses=("fit", "held"), recorded=False)
+    (one,) = drawn(1, 4, "development", ("gain", "clock"), 2, 0.0, plan)
+    found = score.scored(Drawing("two", 1, effects=2, needs="ceilings"), Answer("two", 0, "none"), one)
+    assert [cause for _, cause, _ in asked] == list(found.causes) and len(found.causes) == 2
+    assert [max(alone.values()) for alone in found.ceilings_alone] == [0.8765, 0.8765]
+    both = record(one).cases
+    for hidden, _, plain in asked:
+        for case, without, with_both in zip(hidden.cases, plain.cases, both, strict=True):
+            changed = (case.measured_mps2 != without.measured_mps2).any(axis=0)
+            assert changed.sum() == 1 and not np.array_equal(case.measured_mps2, with_both.measured_mps2)
 
 
 def test_the_oracle_tries_every_law_of_the_true_class(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from outcomes import CLOCK, ROWS, SKIN, STOP, outcome
 
 from blind.tracing import sections, table
 from blind.tracing.marks import marks
-from blind.tracing.outcome import Outcome
+from blind.tracing.outcome import Cause, Outcome
 from blind.tracing.page import rendered
 from blind.tracing.pictures import BY_RATIO, RELIABILITY
 from blind.tracing.sections import ceiling_lines, confusion_lines, pictures, ratio_lines, reliability_lines, speed_lines
@@ -88,6 +89,18 @@ def test_the_ceiling_is_that_of_records_with_the_true_law() -> None:
     assert "two effects: both found" in missed and "ratio > 0.8: class" not in missed
     assert "\n".join(lines) in rendered(records, found, "Run.")
     assert ceiling_lines(records[-1:], found) == []
+
+
+def test_the_ceiling_of_two_effects_is_that_of_each_alone() -> None:
+    def two(skin: float, stop: float, found: Sequence[Cause] = ()) -> Outcome:
+        one = outcome("two", "effect" if found else "none", list(found), [SKIN, STOP])
+        alone = tuple({cause.mechanism: p, "none": 1.0 - p} for cause, p in ((SKIN, skin), (STOP, stop)))
+        return Outcome(one.answer, dataclasses.replace(one.score, ceilings_alone=alone))
+
+    records = [two(0.9, 0.95, found=[SKIN]), two(0.9, 0.5), two(0.7, 0.5), two(0.7, 0.9)]
+    one, both = rows_of(ceiling_lines(records, marks(records)))[-2:]
+    assert one == ["two effects", "one right", ">= 85 %", share_text(1, 4), share_text(3, 4), "0"]
+    assert both == ["two effects", "both found", ">= 45 %", share_text(0, 4), share_text(1, 4), "0"]
 
 
 def test_the_accuracy_of_a_step_goes_from_none_to_all() -> None:

@@ -100,7 +100,8 @@ class Score:
     oracle with it. recovered: the energy that the answer removes, as a share of that which the oracle removes, 0 for a
     wrong class. own_ratio: of a cause named where nothing is hidden, that of the background's own law of this class at
     this site; None if it has none. ceiling, ceiling_likely: the probabilities of the first round, and its 90 % set, as
-    if the catalogue had the true law; empty where they are not needed. why: the error message of a failed refit.
+    if the catalogue had the true law; empty where they are not needed. ceilings_alone: such probabilities of each of
+    several effects in the record without the others. why: the error message of a failed refit.
     """
 
     row: str
@@ -117,6 +118,7 @@ class Score:
     own_ratio: float | None = None
     ceiling: Mapping[str, float] = field(default_factory=dict)
     ceiling_likely: tuple[str, ...] = ()
+    ceilings_alone: tuple[Mapping[str, float], ...] = ()
     why: str = ""
 
     def closed(self, percent: float | None) -> float | None:
@@ -134,7 +136,8 @@ class Score:
         """Read a line of `line_of`."""
         data = json.loads(line)
         data["causes"] = tuple(Cause(**one) for one in data["causes"])
-        data["ceiling_likely"] = tuple(data.get("ceiling_likely", ()))
+        for key in ("ceiling_likely", "ceilings_alone"):
+            data[key] = tuple(data.get(key, ()))
         return cls(**data)
 
 
@@ -208,9 +211,12 @@ class Outcome:
 
     def named_with_true_law(self, named_from: float) -> bool:
         """Whether the true class would be named if the catalogue had its law."""
-        ideal = self.score.ceiling
-        best = max(ideal, key=lambda name: ideal[name], default="")
-        return best in self.true_names and ideal[best] >= named_from
+        return any(_names(self.score.ceiling, one, named_from) for one in self.score.causes)
+
+    def named_alone(self, named_from: float) -> int:
+        """The number of effects that would be named if the catalogue had their laws, and each were the only one."""
+        alone = zip(self.score.ceilings_alone, self.score.causes, strict=False)
+        return sum(_names(ideal, one, named_from) for ideal, one in alone)
 
     @property
     def in_set_with_true_law(self) -> bool:
@@ -271,6 +277,12 @@ class Outcome:
         named = self.answer.effects[0]
         true = [one for one in self.score.causes if one.mechanism == named.mechanism]
         return min(site_distance(named.name, named.site, one.site) for one in true)
+
+
+def _names(probabilities: Mapping[str, float], cause: Cause, named_from: float) -> bool:
+    """Whether the most probable answer is the class of a cause, with the required probability."""
+    best = max(probabilities, key=lambda name: probabilities[name], default="")
+    return best == cause.mechanism and probabilities[best] >= named_from
 
 
 def site_distance(name: str, site: str, other: str) -> int:

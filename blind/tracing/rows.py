@@ -14,8 +14,8 @@ from biodyn_core.effects import CATALOGUE
 from blind.tracing.outcome import FAILED, LEAST_RATIO, Outcome
 
 Kind = Literal["share", "mean", "median", "calibration"]
-Needs = Literal["causes", "ratio", "all"]
-"""Contents of a score: the truth alone, also the ratio (two refits), or also all errors."""
+Needs = Literal["causes", "ceilings", "ratio", "all"]
+"""Contents of a score: the truth alone, or with the ceiling of each effect, the ratio (two refits), or all errors."""
 
 KINDS: Final = tuple(sorted(CATALOGUE))
 """Every class of the catalogue. The simulation's saturation is not among them: it is masked, never fitted."""
@@ -60,7 +60,7 @@ DRAWINGS: Final = (
     Drawing("medium", 64, ratio=(0.45, 0.85), needs="all"),
     Drawing("weak", 36, ratio=(0.15, 0.5), needs="all"),
     Drawing("outside", 54, ratio=(1.5, 4.0), kinds=("outside",), needs="ratio"),
-    Drawing("two", 42, effects=2, level=0.0),
+    Drawing("two", 42, effects=2, level=0.0, needs="ceilings"),
 )
 
 

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from world.effects import sitting
 from world.effects.sitting import Sitting
 
 from biodyn_core.base.errors import InputError
@@ -47,6 +48,8 @@ def scored(drawing: Drawing, answer: Answer, one: Sitting) -> Score:
     try:
         if drawing.effects == 0:
             return dataclasses.replace(found, own_ratio=own_ratio(drawing, answer, one))
+        if drawing.needs == "ceilings":
+            return dataclasses.replace(found, ceilings_alone=_ceilings_alone(drawing, one))
         return found if drawing.needs == "causes" else _refitted(found, drawing, answer, one)
     except InputError as error:
         return dataclasses.replace(found, why=str(error))
@@ -97,8 +100,23 @@ def _refitted(found: Score, drawing: Drawing, answer: Answer, one: Sitting) -> S
 def _with_ceiling(found: Score, ideal: Probabilities | None) -> Score:
     if ideal is None:
         return found
-    answers = {name: float(f"{p:.4g}") for name, p in ideal.of_answers.items()}
-    return dataclasses.replace(found, ceiling=answers, ceiling_likely=ideal.likely)
+    return dataclasses.replace(found, ceiling=_rounded(ideal), ceiling_likely=ideal.likely)
+
+
+def _ceilings_alone(drawing: Drawing, one: Sitting) -> tuple[dict[str, float], ...]:
+    """The ceiling of each effect of a sitting in the same sitting without the others; empty if it is no candidate."""
+    plain = record(one, drawing.coloured, with_effects=False)
+    without = _base_fit(plain).subject
+    found = []
+    for alone in sitting.together([dataclasses.replace(one, effects=(effect,)) for effect in one.effects]):
+        hidden, (cause,) = record(alone, drawing.coloured), causes(alone.effects)
+        ideal = ceiling(hidden, _base_fit(hidden).subject, cause, plain, without)
+        found.append({} if ideal is None else _rounded(ideal))
+    return tuple(found)
+
+
+def _rounded(ideal: Probabilities) -> dict[str, float]:
+    return {name: float(f"{p:.4g}") for name, p in ideal.of_answers.items()}
 
 
 def unseen(answer: Answer, known: Record) -> Record:

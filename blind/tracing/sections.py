@@ -33,6 +33,8 @@ WITHOUT: Final = ("This run has no probabilities.", "")
 CEILINGS: Final[Mapping[str, tuple[Callable[[Outcome], bool], Callable[[Outcome], bool]]]] = {
     "class": (attrgetter("class_right"), methodcaller("named_with_true_law", SURE)),
     "in the 90 % set": (attrgetter("in_set"), attrgetter("in_set_with_true_law")),
+    "one right": (lambda one: one.found > 0, lambda one: one.named_alone(SURE) > 0),
+    "both found": (lambda one: one.found == len(one.score.causes), lambda one: one.named_alone(SURE) == 2),
 }
 """By mark: whether a record reaches it, and whether it does with the true law in the catalogue."""
 
@@ -72,7 +74,7 @@ def ceiling_lines(outcomes: Sequence[Outcome], found: Sequence[Mark]) -> list[st
     rows, covered = [], set()
     for row in CONDITIONS:
         mine = row.chosen(outcomes)
-        without = sum(not one.score.ceiling for one in mine)
+        without = sum(not (one.score.ceiling or one.score.ceilings_alone) for one in mine)
         if without == len(mine):
             continue
         for rule in row.rules:
@@ -87,8 +89,9 @@ def ceiling_lines(outcomes: Sequence[Outcome], found: Sequence[Mark]) -> list[st
         "What the same decision reaches in the same records as if the catalogue had the true law, which predicts"
         " exactly what the effect changes. Most of what is missed even so is hidden by the background, or resembles"
         " another class; a few records are named with the catalogue's law alone. Records without a ceiling count as"
-        " missed with the true law: their trace failed, or the true effect was no candidate. Whether other recordings"
-        " would lift a ceiling is in [tracing.md](tracing.md#how-far-to-believe-a-verdict)."
+        " missed with the true law: their trace failed, or the true effect was no candidate. Of two effects, each is"
+        " named in the same record without the other, so the ceiling is that of a decision that separates them exactly."
+        " Whether other recordings would lift a ceiling is in [tracing.md](tracing.md#how-far-to-believe-a-verdict)."
     )
     others = [f"{one.row}: {one.what}" for one in found if not one.met and (one.row, one.what) not in covered]
     missed = f"Missed marks that have no ceiling: {'; '.join(others) or 'none'}."
