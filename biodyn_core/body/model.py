@@ -37,6 +37,8 @@ MAX_SUBSTEPS: Final = 2000
 MAX_EIGENVALUE_STEP: Final = 1.0
 """Largest |eigenvalue| x step. RK4 is stable to 2.78; the rest is room for strain stiffening."""
 
+WARM_UP_S: Final = 2.0
+"""A chain that starts from rest in motion predicts the motion after this time (Zaman et al., 5.3)."""
 
 MOTION_COLUMNS: Final = 3 * N_SEGMENTS
 """Columns of a motion: displacements, velocities, and forces of the joints."""

@@ -14,8 +14,9 @@ import numpy as np
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.errors import InputError, UnusableRecording
 from biodyn_core.base.segments import MEASURED_SEGMENTS
+from biodyn_core.body.model import WARM_UP_S
 from biodyn_core.identification.settings import CaseSettings
-from biodyn_core.recording.recording import WARM_UP_S, Recording
+from biodyn_core.recording.recording import Recording
 from biodyn_core.signals.response import cross_spectra
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 

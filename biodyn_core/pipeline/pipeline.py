@@ -146,7 +146,8 @@ class Pipeline:
 
     def new_predictor(self, rate_hz: float) -> SeatPredictor:
         """A predictor at rest whose figures start at zero."""
-        return SeatPredictor(self._chain, rate_hz, self._wait_s, self.settings.window_s, self._spread)
+        begins_at_rest = self.conditioners[SEAT].begins_at_rest
+        return SeatPredictor(self._chain, rate_hz, self._wait_s, self.settings.window_s, self._spread, begins_at_rest)
 
     def _compare(self, sensor: str, blocks: list[Block]) -> MeasuredFrames:
         if self.predictor is None:

@@ -11,7 +11,7 @@ import numpy as np
 from biodyn_core import kernels
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
-from biodyn_core.body.model import MOTION_COLUMNS, Chain, Stepper, parts_of_motion
+from biodyn_core.body.model import MOTION_COLUMNS, WARM_UP_S, Chain, Stepper, parts_of_motion
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.exposure.joint_forces import JointForce, JointForceMeter
 from biodyn_core.exposure.meters import Dose, DoseMeter, Meter
@@ -24,7 +24,7 @@ MAX_STRETCH_M: Final = 0.2
 
 PEAK: Final = "seat_peak_mps2"
 UNPREDICTED: Final = "unpredicted"
-"""Names of the seat's peak, and of the samples without a prediction, among the totals of the meters."""
+"""Names of the seat's peak, and of the samples without a counted prediction, among the totals of the meters."""
 
 FEW: Final = 16
 """Up to so many samples a reduction by NumPy takes longer than one by Python."""
@@ -36,12 +36,20 @@ BLOCK_AFTER_DIVERGENCE: Final = 64
 class SeatPredictor:
     """Predict the segments from the seat, count the predictions, and feed the comparison.
 
-    divergences: samples at which the model left its range, in all; unpredicted: the same since reset. intervals: None
-    without a spread of the predictions.
+    The chain begins from rest after each gap and each divergence. Until it has settled (`WARM_UP_S`), its predictions
+    are returned, but neither counted nor compared. settled: whether the first run begins at rest. divergences: samples
+    at which the model left its range; unpredicted: samples since reset that are not counted. intervals: None without a
+    spread of the predictions.
     """
 
     def __init__(
-        self, chain: Chain, rate_hz: float, wait_s: float, window_s: float, spread: PredictionSpread | None = None
+        self,
+        chain: Chain,
+        rate_hz: float,
+        wait_s: float,
+        window_s: float,
+        spread: PredictionSpread | None = None,
+        settled: bool = True,
     ) -> None:
         self.stepper = Stepper(chain, rate_hz)
         self.divergences = 0
@@ -53,20 +61,49 @@ class SeatPredictor:
         self.forces = JointForceMeter(rate_hz, N_SEGMENTS, window_s) if chain.mass_matrix_form == "segment" else None
         self.intervals = IntervalEstimator(spread, rate_hz, window_s) if spread else None
         self._accel_batch, self._force_batch = Batch(), Batch()
+        self._warm_up = round(WARM_UP_S * rate_hz)
+        self._unsettled = 0 if settled else self._warm_up
+        self._has_begun = False
 
     def push(self, block: Block) -> tuple[Floats, Floats]:
         """Predict the segments' accelerations (n, 6) and their motion (n, 18); each run starts from rest."""
         if block.begins_run:
-            self.stepper.reset()
-            self._count_all()
-            for meter in self._of_predictions:
-                meter.skip(block.gap_s)
+            self._begin_run(block.gap_s)
+        before = self.divergences
         accel, motion = self._predict(block.low_passed_mps2)
         self.seat_peak_mps2 = max(self.seat_peak_mps2, _peak(block.low_passed_mps2))
-        self._count(accel, motion)
+        settled = accel, motion
+        if self._unsettled or self.divergences > before:
+            settled = self._settled(accel, motion)
+        self._count(*settled)
         if self.intervals:
-            self.intervals.push(block, accel)
-        self.comparison.seat(block, accel)
+            self.intervals.push(block, settled[0])
+        self.comparison.seat(block, settled[0])
+        return accel, motion
+
+    def _begin_run(self, gap_s: float) -> None:
+        """Begin from rest after a gap, or at the first sample."""
+        self.stepper.reset()
+        if self._has_begun:
+            self._unsettled = self._warm_up
+        self._has_begun = True
+        self._count_all()
+        for meter in self._of_predictions:
+            meter.skip(gap_s)
+
+    def _settled(self, accel: Floats, motion: Floats) -> tuple[Floats, Floats]:
+        """The predictions with NaN until the chain has settled after its last begin from rest."""
+        diverged = np.isnan(accel[:, 0])
+        left = np.where(diverged, self._warm_up + 1, 0)
+        left[0] = max(left[0], self._unsettled)
+        # A sample later one sample less is left; the largest of all begins so far decides.
+        at = np.arange(left.size)
+        left = np.maximum.accumulate(left + at) - at
+        self._unsettled = max(0, int(left[-1]) - 1)
+        unsettled = left > 0
+        self.unpredicted += int(unsettled.sum())
+        accel, motion = accel.copy(), motion.copy()
+        accel[unsettled], motion[unsettled] = np.nan, np.nan
         return accel, motion
 
     def _predict(self, seat_mps2: Floats) -> tuple[Floats, Floats]:
@@ -81,7 +118,6 @@ class SeatPredictor:
         accel[diverged], motion[diverged] = np.nan, np.nan
         self.stepper.reset()
         self.divergences += 1
-        self.unpredicted += 1
         # The rest is integrated again after each divergence: short blocks limit the repeated work.
         for begin in range(diverged + 1, seat_mps2.size, BLOCK_AFTER_DIVERGENCE):
             part = slice(begin, begin + BLOCK_AFTER_DIVERGENCE)

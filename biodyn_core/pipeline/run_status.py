@@ -24,9 +24,9 @@ class RunStatus:
 
     seconds: length of the record by accepted samples. substeps: integration steps per seat sample, None until the
     seat's rate is known. divergences: samples at which the model left its range and restarted from rest.
-    unpredicted_s: seconds since reset without a prediction. is_extrapolating: since reset the seat moved harder than in
-    the recordings that the subject was fitted to, where its file states them. latency: by output; predictions need the
-    seat alone, comparisons the slowest sensor, exposure nothing; empty until the seat's rate is known.
+    unpredicted_s: seconds since reset without a counted prediction. is_extrapolating: since reset the seat moved harder
+    than in the recordings that the subject was fitted to, where its file states them. latency: by output; predictions
+    need the seat alone, comparisons the slowest sensor, exposure nothing; empty until the seat's rate is known.
     """
 
     seconds: float

@@ -18,6 +18,7 @@ from biodyn_core.base.errors import InputError, UnusableRecording
 from biodyn_core.base.segments import HEAD, MEASURED_SEGMENTS, SEAT, SENSORS
 from biodyn_core.base.suggestions import known_are
 from biodyn_core.base.wording import counted
+from biodyn_core.body.model import WARM_UP_S
 from biodyn_core.conditioning.alignment import Aligner
 from biodyn_core.conditioning.channels import Channels
 from biodyn_core.conditioning.conditioned import Block
@@ -28,9 +29,6 @@ from biodyn_core.recording.body_sensor import Run, SensorTrack
 from biodyn_core.recording.flags import around, stretches
 from biodyn_core.recording.heading import bend_rates_radps, headings_rad
 from biodyn_core.recording.recording_settings import RecordingSettings
-
-WARM_UP_S: Final = 2.0
-"""A model that starts from rest is compared after this time (Zaman et al., 5.3), as after an invalid seat."""
 
 SHORTEST_LEVEL_S: Final = 2.0
 """Shortest stretch without a mask for a level: three periods of a car's body bounce."""

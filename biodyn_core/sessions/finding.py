@@ -18,8 +18,8 @@ from scipy import ndimage, signal
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.base.wording import counted
+from biodyn_core.body.model import WARM_UP_S
 from biodyn_core.recording.flags import stretches
-from biodyn_core.recording.recording import WARM_UP_S
 from biodyn_core.sessions.bins import Bins
 from biodyn_core.sessions.digest import COARSE_S, HIGH, LOW_PASSED
 from biodyn_core.sessions.rests import find_rests

@@ -15,11 +15,11 @@ import numpy as np
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.base.wording import counted
+from biodyn_core.body.model import WARM_UP_S
 from biodyn_core.conditioning.conditioner import Conditioner, SettingsOf, settings_for
 from biodyn_core.conditioning.gravity import IDLING_MPS2, Gravity, angle_deg
 from biodyn_core.conditioning.tilt import LEAST_GRAVITY_MPS2, Vector
 from biodyn_core.recording.flags import stretches
-from biodyn_core.recording.recording import WARM_UP_S
 from biodyn_core.sessions.cases import named
 from biodyn_core.sessions.digest import (
     COARSE_S,

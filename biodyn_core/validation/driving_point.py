@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from biodyn_core.base.arrays import Complexes, Flags, Floats
-from biodyn_core.body.model import Chain, Response, SeatForce
+from biodyn_core.body.model import WARM_UP_S, Chain, Response, SeatForce
 from biodyn_core.body.subject import Subject
-from biodyn_core.recording.recording import WARM_UP_S
 from biodyn_core.signals.response import common_rate_hz, cross_spectra
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 
