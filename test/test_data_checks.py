@@ -17,6 +17,8 @@ from biodyn_core.tracing.data_checks import (
     needs,
     same_motion,
     seat_tension,
+    split_held_out,
+    usable,
     without_failed_sensors,
 )
 
@@ -64,6 +66,26 @@ def test_a_shock_in_the_warm_up_does_not_count() -> None:
 def test_two_axles_are_one_shock() -> None:
     assert contents([case([1.5, 2.0], apart_s=0.3)]).shocks == 1
     assert contents([case([1.5, 2.0], apart_s=1.5)]).shocks == 2
+
+
+def test_held_out_records_are_dealt_whole() -> None:
+    """A gap makes two recordings of one bag, and both have one use."""
+    one = case([1.5])
+    runs = [dataclasses.replace(one, name=f"a.mcap ({n} of 2)", record="a.mcap") for n in (1, 2)]
+    other = dataclasses.replace(one, name="b.mcap", record="b.mcap")
+    assert split_held_out(runs) == (runs, [])
+    assert split_held_out([*runs, other]) == (runs, [other])
+    unnamed = [dataclasses.replace(one, name=name) for name in ("c", "d", "e")]
+    assert split_held_out(unnamed) == ([unnamed[0], unnamed[2]], [unnamed[1]])
+
+
+def test_channels_that_a_held_out_event_lacks_are_left_out_of_all() -> None:
+    whole = dataclasses.replace(case([1.5]), channels={"seat.x": np.zeros(3), "seat.rate_x": np.zeros(3)})
+    lean = dataclasses.replace(whole, channels={"seat.x": np.zeros(3)})
+    train, held_out, _ = usable([whole], [whole, lean])
+    assert [set(one.channels) for one in (*train, *held_out)] == [{"seat.x"}] * 3
+    train, held_out, _ = usable([lean], [whole])
+    assert [set(one.channels) for one in (*train, *held_out)] == [{"seat.x"}, {"seat.x", "seat.rate_x"}]
 
 
 def test_missing_amounts_are_listed() -> None:

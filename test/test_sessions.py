@@ -30,6 +30,7 @@ from biodyn_core.sessions.settings import SessionSettings
 from biodyn_ros.bag import BagWriter
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base.topics import INPUT
+from biodyn_ros.events.drawings import decimated
 from biodyn_ros.events.finding import SessionOptions, find_events, find_sessions
 from biodyn_ros.events.page import events_page
 from biodyn_ros.events.text import text_of
@@ -355,6 +356,15 @@ def test_the_rests_of_a_recorded_tram_are_its_stops(shared_data: Path) -> None:
         rested = sum(max(0.0, min(rest.end_s, end) - max(rest.begin_s, begin)) for rest in found.rests)
         assert rested > 0.75 * (end - begin)
     assert {event.case for event in found.events} == {"road"}
+
+
+def test_a_gap_of_the_seat_is_a_gap_in_the_timeline() -> None:
+    stamps, samples = made(60.0, shaken(60.0, 0.8))
+    there = (np.arange(stamps.size) < 20.0 * SEAT_HZ) | (np.arange(stamps.size) > 35.0 * SEAT_HZ)
+    lines = found_in({"seat": (stamps[there], samples[there])}).timeline
+    time_s, peak = decimated(lines.peak_mps2, lines.width_s, np.nanmax)
+    gap = (time_s > 20.1) & (time_s < 34.9)
+    assert np.isnan(peak[gap]).all() and (peak[(time_s > 6.0) & ~gap & (time_s < 19.9)] > 0.1).all()
 
 
 def test_faults_of_sensors_are_stretches_and_in_the_quality_of_events() -> None:

@@ -11,7 +11,9 @@ from unittest import mock
 import hiding
 import numpy as np
 import pytest
+import streams
 from hiding import applied
+from scipy import signal
 
 from biodyn_core.base.parallel import serial_map
 from biodyn_core.body.parameters import UNFITTED, Parameters
@@ -27,9 +29,9 @@ from biodyn_core.tracing.data_checks import FloorSettings, split_held_out
 from biodyn_core.tracing.findings import RankedCandidate, Round, Trace
 from biodyn_core.tracing.local_fit import LocalFit, fit_locally
 from biodyn_core.tracing.probability import Probabilities
-from biodyn_core.tracing.results import _not_stored, _sensors
+from biodyn_core.tracing.results import _floor_percent, _not_stored, _sensors
 from biodyn_core.tracing.screen import Screening, all_candidates
-from biodyn_core.tracing.settings import TraceSettings
+from biodyn_core.tracing.settings import ReportSettings, TraceSettings
 from biodyn_core.tracing.trace import trace
 from biodyn_core.tracing.unsteady import unsteady_causes
 from biodyn_core.tracing.verdict import reasons_of, verdict_of
@@ -243,6 +245,22 @@ def test_nothing_hidden_is_no_effect() -> None:
     assert found.p_value is not None and found.p_value > 0.05
     assert [event.before.mean_percent for event in found.events] == [e.after.mean_percent for e in found.events]
     assert found.diagnostics is not None and found.seed == 1
+
+
+@pytest.mark.parametrize(("cutoff_hz", "masked"), [(100.0, 0.0), (100.0, 0.5), (120.0, 0.0), (50.0, 0.0)])
+def test_the_floor_is_white_noise_after_the_low_pass(cutoff_hz: float, masked: float) -> None:
+    """Known noise on a body that the subject describes exactly, by a filter of SciPy."""
+    case = hiding.events(9)[0]
+    rng, exact = np.random.default_rng(1), answer(streams.subject(), case)
+    sos = signal.butter(4, cutoff_hz, fs=case.rate_hz, output="sos")
+    noise = signal.sosfiltfilt(sos, 0.1 * rng.standard_normal(exact.shape), axis=0)
+    compared = case.compared & (np.arange(len(noise)) % 300 >= 300 * masked)[:, None]
+    measured = np.where(compared, exact + noise, 0.0)
+    known = dataclasses.replace(case, measured_mps2=measured, compared=compared, energy=(measured**2).sum(axis=0),
+                                cutoff_hz=cutoff_hz)  # fmt: skip
+    right = 100.0 * np.mean(noise.std(axis=0) / np.sqrt(known.energy / compared.sum(axis=0)))
+    found = _floor_percent([known], streams.subject(), ReportSettings())
+    assert found is None if cutoff_hz < 100.0 else found == pytest.approx(right, rel=0.15)
 
 
 def test_the_floor_is_the_simulated_noise() -> None:

@@ -32,6 +32,7 @@ from biodyn_core.tracing.findings import (
     SensorFinding,
 )
 from biodyn_ros.trace.document import PROOF, trace_document
+from biodyn_ros.trace.errors import mean_errors
 from biodyn_ros.trace.report import Report
 from biodyn_ros.trace.text import text_of
 from biodyn_ros.trace.wording import (
@@ -45,7 +46,24 @@ from biodyn_ros.trace.wording import (
     probability,
     reliability,
     sensor_lines,
+    tone,
 )
+
+
+def test_none_is_green_only_without_another_answer_in_the_set() -> None:
+    trace = found("none")
+    alone, beside = (dataclasses.replace(trace.rounds[0], likely=likely) for likely in (("none",), ("none", "clock")))
+    sure, unsure = (Report(dataclasses.replace(trace, rounds=(one,))) for one in (alone, beside))
+    assert (tone(sure), tone(unsure)) == ("good", "warn")
+    assert "Not excluded" not in headline(sure.trace)
+    assert headline(unsure.trace).startswith("No missing effect found. Not excluded: clock.")
+
+
+def test_the_mean_error_is_unknown_if_an_event_is_unstable() -> None:
+    known = [event.before for event in found().events if event.use == "held_out"]
+    unstable = dataclasses.replace(known[0], nrmse_rms_percent=np.full(5, np.nan))
+    assert mean_errors(known)["all"] is not None
+    assert set(mean_errors([*known, unstable]).values()) == {None}
 
 
 def test_every_effect_has_a_name_at_each_of_its_sites() -> None:

@@ -15,6 +15,7 @@ from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.errors import InputError, UnusableRecording
 from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.body.model import WARM_UP_S
+from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.identification.settings import CaseSettings
 from biodyn_core.recording.recording import Recording
 from biodyn_core.signals.response import cross_spectra
@@ -47,6 +48,10 @@ class Case:
     mean_tilts: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     begins_ns: int = 0
     """Stamp of the first sample, for the order of events."""
+    record: str = ""
+    """The name of the whole record, of which gaps of the seat may leave several cases; empty: that of the case."""
+    cutoff_hz: float = ConditioningSettings().cutoff_hz
+    """Of the low-pass of the seat."""
 
     @classmethod
     def of(
@@ -78,7 +83,7 @@ class Case:
         return cls(
             name, recording.case, recording.rate_hz, sharpened(seat) if s.sharpen_seat else seat, measured, compared,
             energy, grid, magnitude, coherence, (*recording.warnings, *excluded), recording.named_channels(),
-            recording.mean_tilts, int(recording.stamps_ns[0]),
+            recording.mean_tilts, int(recording.stamps_ns[0]), recording.record, recording.cutoff_hz,
         )  # fmt: skip
 
     @property

@@ -23,6 +23,7 @@ from biodyn_core.conditioning.alignment import Aligner
 from biodyn_core.conditioning.channels import Channels
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.conditioning.conditioner import Conditioner, SettingsOf, settings_for
+from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.conditioning.gravity import Gravity
 from biodyn_core.conditioning.tilt import Vector
 from biodyn_core.recording.body_sensor import Run, SensorTrack
@@ -63,6 +64,10 @@ class Recording:
     """Seconds of invalid samples of the seat, and within the low-pass's reach of them."""
     headings: Mapping[str, float] = field(default_factory=dict)
     """Rotation of x of these sensors' `Channels` to the left of the seat's, rad, where their motion shows it."""
+    record: str = ""
+    """The name of the whole record, of which gaps of the seat may leave several recordings."""
+    cutoff_hz: float = ConditioningSettings().cutoff_hz
+    """Of the seat's low-pass."""
 
     @property
     def begin(self) -> int:
@@ -182,6 +187,8 @@ class Recorder:
             mean_tilts={name: tilt for name, sensor in self._sensors.items() if (tilt := sensor.mean_tilt) is not None},
             seat_invalid_s=float(np.count_nonzero(np.isnan(tracks[SEAT][0])) / rate_hz),
             headings=headings_rad(channels, rate_hz),
+            record=self.name,
+            cutoff_hz=block.cutoff_hz,
         )
 
     def _channels(self, tracks: Sequence[Floats], rate_hz: float) -> Channels:

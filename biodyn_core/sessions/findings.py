@@ -62,7 +62,10 @@ class Fault:
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
-    """The seat over time: rms and peak of the vertical acceleration, low-passed, (t,) by interval of width_s."""
+    """The seat over time: rms and peak of the vertical acceleration, low-passed, (t,) by interval of width_s.
+
+    NaN without a sample.
+    """
 
     width_s: float
     rms_mps2: Floats

@@ -98,13 +98,14 @@ class Session:
         sigmas = self.settings.drift_sigmas
         drifts = {name: one for name, one in noticeable.items() if abs(one.ppm) > sigmas * one.error_ppm}
         faults = tuple(fault for name in self._present() for fault in self._faults(name, seconds))
-        count = np.maximum(fine.counts, 1.0)
+        there = fine.counts > 0.0
+        rms = np.sqrt(fine.sums[:, LOW_PASSED] / np.where(there, fine.counts, np.nan))
         return Findings(
             seconds=seconds,
             rests=rests,
             events=named([self._event(window, rests) for window in found.windows]),
             faults=faults,
-            timeline=Timeline(fine.width_s, np.sqrt(fine.sums[:, LOW_PASSED] / count), fine.maxima[:, 0].copy()),
+            timeline=Timeline(fine.width_s, rms, np.where(there, fine.maxima[:, 0], np.nan)),
             waterfall=self._seat.waterfall(),
             drifts=drifts,
             statuses={name: digest.status() for name, digest in self._digests.items()},

@@ -65,7 +65,7 @@ def _rivals(
 
 def _screened_row(one: Candidate, p: Probabilities) -> RankedCandidate:
     of = one.screened
-    return RankedCandidate(one.start, p.of(one.key), of.gain, False, of.p_value, of.absorbed, 0)
+    return RankedCandidate(one.start, p.of(one.key), of.gain, False, of.p_value, of.absorbed, None)
 
 
 def _fitted_row(

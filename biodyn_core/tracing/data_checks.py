@@ -110,20 +110,24 @@ def needs(train: Sequence[Case], held_out: Sequence[Case], settings: FloorSettin
 
 
 def split_held_out(held_out: Sequence[Case]) -> tuple[list[Case], list[Case]]:
-    """Events for choosing and events for reporting, alternately for each loading condition."""
+    """Events for choosing and events for reporting, by records alternately for each loading condition."""
     choose: list[Case] = []
     report: list[Case] = []
-    count: dict[str, int] = {}
+    of_condition: dict[str, dict[str, list[Case]]] = {}
     for case in held_out:
-        count[case.case] = count.get(case.case, 0) + 1
-        (choose if count[case.case] % 2 else report).append(case)
+        records = of_condition.setdefault(case.case, {})
+        use = records.setdefault(case.record or case.name, report if len(records) % 2 else choose)
+        use.append(case)
     return choose, report
 
 
 def usable(
     train: Sequence[Case], held_out: Sequence[Case], settings: FloorSettings | None = None
 ) -> tuple[list[Case], list[Case], list[str]]:
-    """The events without sensors that clipped or failed in them, and a line for each of these."""
+    """The events without sensors that clipped or failed in them, and a line for each of these.
+
+    A channel that a held-out event lacks is left out of all events: no effect is added whose error cannot be reported.
+    """
     left_out: list[str] = []
     kept: tuple[list[Case], list[Case]] = ([], [])
     for side, cases in zip(kept, (train, held_out), strict=True):
@@ -132,7 +136,20 @@ def usable(
             left_out += lines
             if found.energy.any():
                 side.append(found)
-    return kept[0], kept[1], left_out
+    for_all = [set(case.channels) for case in kept[1]]
+    shared = set.intersection(*for_all) if for_all else None
+    return (
+        [_with_channels(case, shared) for case in kept[0]],
+        [_with_channels(case, shared) for case in kept[1]],
+        left_out,
+    )
+
+
+def _with_channels(case: Case, shared: set[str] | None) -> Case:
+    """The case without channels beyond the shared ones; None for no limit."""
+    if shared is None or set(case.channels) <= shared:
+        return case
+    return dataclasses.replace(case, channels={name: of for name, of in case.channels.items() if name in shared})
 
 
 def _need(use: Literal["to fit", "held out"], cases: Sequence[Case], settings: FloorSettings | None) -> Need:

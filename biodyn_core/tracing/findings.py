@@ -28,8 +28,9 @@ class RankedCandidate:
     in the events for choosing, theta and nuisance parameters refitted, plus the gain in evidence of the nuisance
     parameters; refitted: whether it comes from a fit to all events or from the linear step of screening. p_value: how
     often the largest random gain is as large. absorbed: share of the effect's energy that theta explains.
-    improved_events: number of events with a positive gain. remarks: on its fit. steady: False if the effect is fitted
-    again in every window or between events; it always gains a little, and its p_value has no meaning.
+    improved_events: number of events with a positive gain, None if not refitted. remarks: on its fit. steady: False if
+    the effect is fitted again in every window or between events; it always gains a little, and its p_value has no
+    meaning.
     """
 
     applied: AppliedEffect
@@ -38,7 +39,7 @@ class RankedCandidate:
     refitted: bool
     p_value: float
     absorbed: float
-    improved_events: int
+    improved_events: int | None
     remarks: tuple[str, ...] = ()
     steady: bool = True
 

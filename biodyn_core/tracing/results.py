@@ -45,8 +45,8 @@ from biodyn_core.tracing.settings import ReportSettings, SurfaceSettings, TraceS
 from biodyn_core.tracing.surface import surface
 from biodyn_core.tracing.verdict import named, reasons_of, verdict_of
 
-BANDWIDTH_HZ: Final = 100.0
-"""All channels are low-passed at this frequency, so white noise has its density times this as its mean square."""
+PASSED_SHARE: Final = 0.85
+"""Up to this share of its cut-off frequency the low-pass leaves white noise as it is."""
 
 
 def build_result(
@@ -299,17 +299,19 @@ def _family(effects: Sequence[AppliedEffect]) -> str:
 def _floor_percent(cases: Sequence[Case], subject: Subject, s: ReportSettings) -> float | None:
     """Error by sensor noise alone, mean normalised rms in percent, from the band where bodies hardly move.
 
-    An upper limit, because the error of the model in this band counts as noise.
+    An upper limit, because the error of the model in this band counts as noise. None where the low-pass takes the band.
     """
     found = []
     for case in cases:
         residual = np.where(case.compared, case.measured_mps2 - answer(subject, case), 0.0)
         after = residual[case.begin :]
-        if len(after) < s.noise_samples:
+        if len(after) < s.noise_samples or s.noise_band_hz[1] > PASSED_SHARE * case.cutoff_hz:
             continue
         frequency_hz, density = signal.welch(after, case.rate_hz, nperseg=s.noise_samples, axis=0)
         still = (frequency_hz >= s.noise_band_hz[0]) & (frequency_hz <= s.noise_band_hz[1])
-        noise = np.sqrt(np.median(density[still], axis=0) * BANDWIDTH_HZ)
+        there = np.maximum(case.compared[case.begin :].mean(axis=0), 1e-9)  # masked samples are zeros
+        # White noise has its density times the cut-off frequency as its mean square.
+        noise = np.sqrt(np.median(density[still], axis=0) / there * case.cutoff_hz)
         rms = np.sqrt(case.energy / np.maximum(case.compared.sum(axis=0), 1))
         found.append(100.0 * np.mean(noise[case.energy > 0.0] / rms[case.energy > 0.0]))
     return float(np.mean(found)) if found else None

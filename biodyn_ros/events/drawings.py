@@ -29,8 +29,8 @@ def timeline(found: Findings) -> Any:
     """Peak and rms of the seat over time, and below it one row for rests, each condition and each faulty sensor."""
     rows = timeline_rows(found)
     lines = found.timeline
-    time_s, peak = decimated(lines.peak_mps2 / STANDARD_GRAVITY_MPS2, lines.width_s, np.max)
-    _, square = decimated((lines.rms_mps2 / STANDARD_GRAVITY_MPS2) ** 2, lines.width_s, np.mean)
+    time_s, peak = decimated(lines.peak_mps2 / STANDARD_GRAVITY_MPS2, lines.width_s, np.nanmax)
+    _, square = decimated((lines.rms_mps2 / STANDARD_GRAVITY_MPS2) ** 2, lines.width_s, np.nanmean)
 
     def fill(figure: Any) -> None:
         above, below = figure.subplots(
@@ -65,10 +65,12 @@ def timeline_rows(found: Findings) -> list[tuple[str, list[Bar], str]]:
 
 
 def decimated(values: Floats, width_s: float, of: Any) -> tuple[Floats, Floats]:
-    """At most `COLUMNS` values, each `of` neighbours, and their times."""
+    """At most `COLUMNS` values, each `of` its known neighbours, NaN without any, and their times."""
     size = max(1, -(-values.size // COLUMNS))
-    padded = np.append(values, np.full(-values.size % size, values[-1] if values.size else 0.0))
-    found = of(padded.reshape(-1, size), axis=1)
+    padded = np.append(values, np.full(-values.size % size, np.nan)).reshape(-1, size)
+    is_known = ~np.isnan(padded).all(axis=1)
+    found = np.full(len(padded), np.nan)
+    found[is_known] = of(padded[is_known], axis=1)
     return (np.arange(found.size) + 0.5) * size * width_s, np.asarray(found)
 
 

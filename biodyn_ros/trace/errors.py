@@ -37,8 +37,13 @@ def is_known(trace: Trace, use: str) -> bool:
 
 
 def mean_errors(errors: Sequence[Errors]) -> MeanErrors:
-    """The mean of each segment over the events that have it, and the mean of the events' own means."""
+    """The mean of each segment over the events that have it, and the mean of the events' own means.
+
+    Nothing is known if the simulation of an event was unstable: a mean of the others would look better than it is.
+    """
     by_event = np.array([error.nrmse_rms_percent for error in errors]).reshape(-1, len(MEASURED_SEGMENTS))
+    if any(error.is_unstable for error in errors):
+        by_event = np.full_like(by_event, np.nan)
     return by_segment(np.array([_mean(column) for column in by_event.T])) | {
         "all": finite(_mean(np.array([_mean(row) for row in by_event])))
     }

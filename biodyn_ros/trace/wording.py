@@ -50,12 +50,19 @@ def headline(trace: Trace) -> str:
         beside = f" Also found: {_all(others)}." if others else ""
         return f"{_one_of(trace)}.{beside}"
     if trace.verdict == "none":
-        return f"No missing effect found. Held-out error {before} with refitted parameters."
+        others = ", ".join(in_words(one) for one in _not_excluded(trace))
+        beside = f" Not excluded: {others}." if others else ""
+        return f"No missing effect found.{beside} Held-out error {before} with refitted parameters."
     if trace.verdict == "unexplained":
         return f"The most probable answer is {in_words(OUTSIDE)}. Held-out error {after}."
     if not trace.needs:
         return f"These recordings have too little data for a verdict: {_first_reason(trace)}."
     return f"These recordings have too little data for a verdict. Record {trace.experiment}."
+
+
+def _not_excluded(trace: Trace) -> list[str]:
+    """The answers of the 90 % set beside `none`."""
+    return [one for one in trace.rounds[0].likely if one != NONE] if trace.rounds else []
 
 
 def _found(trace: Trace, before: str, after: str) -> str:
@@ -135,11 +142,17 @@ TONE: Final = {"effect": "good", "ambiguous": "warn", "none": "good", "unexplain
 
 
 def tone(report: Report) -> str:
-    """The colour of the verdict: green needs measured recordings, and an effect has to improve held-out events."""
+    """The colour of the verdict: green needs measured recordings and no other answer beside `none`.
+
+    An effect has to improve held-out events.
+    """
     trace, (by_model, _) = report.trace, without_note(report.warnings)
     if TONE[trace.verdict] == "good" and by_model:
         return "none"
-    return "warn" if trace.verdict == "effect" and not _improves(trace) else TONE[trace.verdict]
+    is_unsure = (trace.verdict == "effect" and not _improves(trace)) or (
+        trace.verdict == "none" and bool(_not_excluded(trace))
+    )
+    return "warn" if is_unsure else TONE[trace.verdict]
 
 
 def effect_name(name: str, site: str) -> str:
@@ -276,14 +289,18 @@ def _probable(trace: Trace) -> Iterator[str]:
         return
     best, chosen = trace.rounds[0].best, trace.chosen
     p, least = trace.rounds[0].answers[best], trace.named_from or 0.0
-    rounded_up = trace.verdict == "ambiguous" and float(f"{p:.2f}") >= least
-    shown = number_below(p, least) if rounded_up else probability(p)
+
+    def below(value: float) -> str:
+        rounded_up = trace.verdict == "ambiguous" and value < least <= float(f"{value:.2f}")
+        return number_below(value, least) if rounded_up else probability(value)
+
+    shown = below(p)
     if best == NONE:
         yield f"The probability that {in_words(best)} is {shown}."
     elif best == OUTSIDE:
         yield f"The probability of {in_words(best)} is {shown}."
     else:
-        site = f", that of {effect_name(*chosen.key)} is {probability(chosen.probability)}" if chosen else ""
+        site = f", that of {effect_name(*chosen.key)} is {below(chosen.probability)}" if chosen else ""
         yield f"The probability of the mechanism {in_words(best)} is {shown}{site}."
 
 
