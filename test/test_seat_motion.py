@@ -173,6 +173,102 @@ def test_a_log_time_that_replaces_unset_stamps_is_stated(tmp_path: Path) -> None
     assert rate_hz == pytest.approx(RATE_HZ)
 
 
+# --- times -----------------------------------------------------------------------------------------------------------
+
+SLOW_HZ = 50.0
+SLOW_S = np.arange(2000) / SLOW_HZ
+
+
+def tones_mps2(time_s):
+    """Five tones up to 0.36 of SLOW_HZ, of one size."""
+    return sum(np.sin(2.0 * np.pi * hz * time_s + hz) for hz in (1.3, 4.7, 9.1, 13.9, 18.0))
+
+
+def error_of(path: Path, times_s) -> float:
+    """Error of the tones in percent of their rms, after reading samples at these times."""
+    motion = read_seat_motion(table_of(path, "t,az", times_s, G + tones_mps2(times_s)), None, {})
+    wanted = tones_mps2(times_s[0] + np.arange(len(motion.accel_mps2)) / motion.rate_hz)
+    wanted -= wanted.mean()
+    return 100.0 * float(np.std(motion.accel_mps2[:, 2] - wanted) / np.std(wanted))
+
+
+def test_even_samples_are_kept_as_they_are(tmp_path: Path) -> None:
+    motion = read_seat_motion(table_of(tmp_path / "a.csv", "t,az", TIME_S, G + UP_MPS2), None, {})
+    np.testing.assert_allclose(motion.accel_mps2[:, 2], UP_MPS2 - UP_MPS2.mean(), rtol=0.0, atol=1e-9)
+    assert motion.rate_hz == pytest.approx(RATE_HZ, rel=1e-12)
+
+
+@pytest.mark.parametrize(("lost", "percent"), [(0, 0.01), (1, 2.0), (2, 5.0)])
+def test_lost_samples_cost_little(tmp_path: Path, lost: int, percent: float) -> None:
+    times_s = np.delete(SLOW_S, np.arange(1000, 1000 + lost))
+    assert error_of(tmp_path / "a.csv", times_s) < percent  # straight lines: 20 %
+
+
+def test_jitter_of_real_sampling_times_costs_little(tmp_path: Path) -> None:
+    times_s = SLOW_S + 0.3 / SLOW_HZ * np.random.default_rng(1).uniform(-1.0, 1.0, SLOW_S.size)
+    assert error_of(tmp_path / "a.csv", times_s) < 8.0  # straight lines: 20 %
+
+
+def test_a_stated_gap_is_a_straight_line(tmp_path: Path) -> None:
+    there = (SLOW_S < 10.0) | (SLOW_S > 10.1)
+    times_s = SLOW_S[there]
+    path = table_of(tmp_path / "a.csv", "t,az", times_s, G + 10.0 * np.sin(2.0 * np.pi * 3.0 * times_s))
+    lines: list[str] = []
+    motion = read_seat_motion(path, None, {}, warn=lines.append)
+    assert len(lines) == 1 and "1 gap of up to 140 ms, bridged by straight lines" in lines[0]
+    at_s = np.arange(len(motion.accel_mps2)) / motion.rate_hz
+    inside = motion.accel_mps2[(at_s > 9.98) & (at_s < 10.12), 2]
+    assert inside.size >= 6 and np.abs(np.diff(inside, 2)).max() < 1e-9
+    outside = (at_s < 9.98) | (at_s > 10.12)
+    wanted = 10.0 * np.sin(2.0 * np.pi * 3.0 * at_s[outside])
+    np.testing.assert_allclose(np.diff(motion.accel_mps2[outside, 2] - wanted), 0.0, atol=0.05)
+
+
+def test_a_short_gap_of_a_fast_sensor_is_stated(tmp_path: Path) -> None:
+    """A spline through 30 ms without samples between samples of 2 ms may swing."""
+    there = (TIME_S < 2.0) | (TIME_S > 2.03)
+    lines, _, _ = warnings_of(table_of(tmp_path / "a.csv", "t,az", TIME_S[there], UP_MPS2[there]))
+    assert len(lines) == 1 and "1 gap of up to 34 ms, bridged by straight lines" in lines[0]
+
+
+def test_samples_with_nearly_one_stamp_do_not_make_the_motion_swing(tmp_path: Path) -> None:
+    times_s = SLOW_S.copy()
+    times_s[500::500] = times_s[499:-1:500] + 0.01 / SLOW_HZ
+    lines: list[str] = []
+    path = table_of(tmp_path / "a.csv", "t,az", times_s, G + tones_mps2(SLOW_S))
+    motion = read_seat_motion(path, None, {}, warn=lines.append)
+    assert len(lines) == 1
+    assert "3 samples follow a sample by less than 0.25 of a sampling period and left out" in lines[0]
+    assert np.abs(motion.accel_mps2[:, 2]).max() < 1.2 * np.abs(tones_mps2(SLOW_S)).max()
+
+
+# --- one column ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "mean", "sign", "stated"),
+    [
+        ("az", G, 1, False), ("az", -G, -1, True), ("a_down", -G, -1, False), ("a_down", G, 1, True),
+        ("az", 0.0, 1, False), ("a_down", 0.0, -1, False), ("acc", -G, -1, True), ("az", -0.4, 1, False),
+    ],
+)  # fmt: skip
+def test_gravity_gives_the_sign_of_one_column(tmp_path: Path, name: str, mean: float, sign: int, stated: bool) -> None:
+    saw_mps2 = 20.0 * (TIME_S % 0.5) ** 2  # up and down differ
+    lines: list[str] = []
+    path = table_of(tmp_path / "a.csv", f"t,{name}", TIME_S, mean + saw_mps2 - saw_mps2.mean())
+    motion = read_seat_motion(path, None, {}, warn=lines.append)
+    np.testing.assert_allclose(motion.accel_mps2[:, 2], sign * (saw_mps2 - saw_mps2.mean()), atol=1e-6)
+    words = f"a.csv: {name}: gravity shows that the axis points the other way than its name states"
+    assert [words in line for line in lines] == [True] * stated
+
+
+@pytest.mark.parametrize("name", ["a_forward", "ax", "x", "ay", "y", "left", "acc_right [m/s^2]"])
+def test_one_horizontal_column_is_refused(tmp_path: Path, name: str) -> None:
+    line = refusal(table_of(tmp_path / "a.csv", f"t,{name}", TIME_S, UP_MPS2))
+    assert f"a.csv: {name}, the only acceleration column, is horizontal by its name" in line
+    assert "a vertical one (az, a_up or a_down) or three columns (ax, ay, az) are needed" in line
+
+
 def test_the_command_prints_warnings_and_refusals(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     stamps = STAMPS_NS.copy()
     stamps[100] = stamps[99]
