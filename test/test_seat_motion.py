@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from biodyn_core.base.errors import InputError
-from biodyn_ros.bag import BagWriter
+from biodyn_core.body.synthesis import SeatMotion
+from biodyn_ros.bag import BagWriter, imu_blocks, open_bag
 from biodyn_ros.bag.cdr import IMU_TYPE, encode_imu
 from biodyn_ros.base.topics import INPUT
 from biodyn_ros.commands.cli import main
@@ -171,6 +172,148 @@ def test_a_log_time_that_replaces_unset_stamps_is_stated(tmp_path: Path) -> None
     lines, rate_hz, _ = warnings_of(bag_of(tmp_path / "a.mcap", 0 * STAMPS_NS))
     assert len(lines) == 1 and "header stamps are zero: log time is used instead" in lines[0]
     assert rate_hz == pytest.approx(RATE_HZ)
+
+
+# --- times -----------------------------------------------------------------------------------------------------------
+
+SLOW_HZ = 50.0
+SLOW_S = np.arange(2000) / SLOW_HZ
+
+
+def tones_mps2(time_s):
+    """Five tones up to 0.36 of SLOW_HZ, of one size."""
+    return sum(np.sin(2.0 * np.pi * hz * time_s + hz) for hz in (1.3, 4.7, 9.1, 13.9, 18.0))
+
+
+def error_of(path: Path, times_s) -> float:
+    """Error of the tones in percent of their rms, after reading samples at these times."""
+    motion = read_seat_motion(table_of(path, "t,az", times_s, G + tones_mps2(times_s)), None, {})
+    wanted = tones_mps2(times_s[0] + np.arange(len(motion.accel_mps2)) / motion.rate_hz)
+    wanted -= wanted.mean()
+    return 100.0 * float(np.std(motion.accel_mps2[:, 2] - wanted) / np.std(wanted))
+
+
+def test_even_samples_are_kept_as_they_are(tmp_path: Path) -> None:
+    motion = read_seat_motion(table_of(tmp_path / "a.csv", "t,az", TIME_S, G + UP_MPS2), None, {})
+    np.testing.assert_allclose(motion.accel_mps2[:, 2], UP_MPS2 - UP_MPS2.mean(), rtol=0.0, atol=1e-9)
+    assert motion.rate_hz == pytest.approx(RATE_HZ, rel=1e-12)
+
+
+@pytest.mark.parametrize(("lost", "percent"), [(0, 0.01), (1, 2.0), (2, 5.0)])
+def test_lost_samples_cost_little(tmp_path: Path, lost: int, percent: float) -> None:
+    times_s = np.delete(SLOW_S, np.arange(1000, 1000 + lost))
+    assert error_of(tmp_path / "a.csv", times_s) < percent  # straight lines at the mean rate: 23 %
+
+
+def test_jitter_of_real_sampling_times_costs_little(tmp_path: Path) -> None:
+    times_s = SLOW_S + 0.3 / SLOW_HZ * np.random.default_rng(1).uniform(-1.0, 1.0, SLOW_S.size)
+    assert error_of(tmp_path / "a.csv", times_s) < 8.0  # straight lines: 21 %
+
+
+def test_a_stated_gap_is_a_straight_line(tmp_path: Path) -> None:
+    there = (SLOW_S < 10.0) | (SLOW_S > 10.1)
+    times_s = SLOW_S[there]
+    path = table_of(tmp_path / "a.csv", "t,az", times_s, G + 10.0 * np.sin(2.0 * np.pi * 3.0 * times_s))
+    lines: list[str] = []
+    motion = read_seat_motion(path, None, {}, warn=lines.append)
+    assert len(lines) == 1 and "1 gap of up to 140 ms, bridged by straight lines" in lines[0]
+    at_s = np.arange(len(motion.accel_mps2)) / motion.rate_hz
+    inside = motion.accel_mps2[(at_s > 9.98) & (at_s < 10.12), 2]
+    assert inside.size >= 6 and np.abs(np.diff(inside, 2)).max() < 1e-9
+    outside = (at_s < 9.98) | (at_s > 10.12)
+    wanted = 10.0 * np.sin(2.0 * np.pi * 3.0 * at_s[outside])
+    np.testing.assert_allclose(np.diff(motion.accel_mps2[outside, 2] - wanted), 0.0, atol=0.05)
+
+
+def test_a_short_gap_of_a_fast_sensor_is_stated(tmp_path: Path) -> None:
+    """A spline through 30 ms without samples between samples of 2 ms may swing."""
+    there = (TIME_S < 2.0) | (TIME_S > 2.03)
+    lines, _, _ = warnings_of(table_of(tmp_path / "a.csv", "t,az", TIME_S[there], UP_MPS2[there]))
+    assert len(lines) == 1 and "1 gap of up to 34 ms, bridged by straight lines" in lines[0]
+
+
+def test_samples_with_nearly_one_stamp_do_not_make_the_motion_swing(tmp_path: Path) -> None:
+    times_s = SLOW_S.copy()
+    times_s[500::500] = times_s[499:-1:500] + 0.01 / SLOW_HZ
+    lines: list[str] = []
+    path = table_of(tmp_path / "a.csv", "t,az", times_s, G + tones_mps2(SLOW_S))
+    motion = read_seat_motion(path, None, {}, warn=lines.append)
+    assert len(lines) == 1
+    assert "3 samples follow a sample by less than 0.25 of a sampling period and left out" in lines[0]
+    assert np.abs(motion.accel_mps2[:, 2]).max() < 1.2 * np.abs(tones_mps2(SLOW_S)).max()
+
+
+# --- one column ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "mean", "sign", "stated"),
+    [
+        ("az", G, 1, False), ("az", -G, -1, True), ("a_down", -G, -1, False), ("a_down", G, 1, True),
+        ("az", 0.0, 1, False), ("a_down", 0.0, -1, False), ("acc", -G, -1, True), ("az", -0.4, 1, False),
+    ],
+)  # fmt: skip
+def test_gravity_gives_the_sign_of_one_column(tmp_path: Path, name: str, mean: float, sign: int, stated: bool) -> None:
+    saw_mps2 = 20.0 * (TIME_S % 0.5) ** 2  # up and down differ
+    lines: list[str] = []
+    path = table_of(tmp_path / "a.csv", f"t,{name}", TIME_S, mean + saw_mps2 - saw_mps2.mean())
+    motion = read_seat_motion(path, None, {}, warn=lines.append)
+    np.testing.assert_allclose(motion.accel_mps2[:, 2], sign * (saw_mps2 - saw_mps2.mean()), atol=1e-6)
+    words = f"a.csv: {name}: gravity shows that the axis points the other way than its name states"
+    assert [words in line for line in lines] == [True] * stated
+
+
+@pytest.mark.parametrize("name", ["a_forward", "ax", "x", "ay", "y", "left", "acc_right [m/s^2]"])
+def test_one_horizontal_column_is_refused(tmp_path: Path, name: str) -> None:
+    line = refusal(table_of(tmp_path / "a.csv", f"t,{name}", TIME_S, UP_MPS2))
+    assert f"a.csv: {name}, the only acceleration column, is horizontal by its name" in line
+    assert "a vertical one (az, a_up or a_down) or three columns (ax, ay, az) are needed" in line
+
+
+# --- ends ------------------------------------------------------------------------------------------------------------
+
+EXACT = [
+    word
+    for name in (
+        "tilt-deg", "noise-mps2", "bias-mps2", "gyro-noise-radps", "clock-offset-ms", "clock-drift-ppm", "jitter-ms",
+    )
+    for word in (f"--{name}", "0")
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("rate_hz", [1000.0, 4517.2])
+@pytest.mark.parametrize("begin_s", [0.02, 2.5, 4.9])
+def test_a_motion_arrives_whole_and_at_its_times(tmp_path: Path, begin_s: float, rate_hz: float) -> None:
+    """A half-sine of 50 m/s^2 and 80 ms, also near an end of the record."""
+
+    def up_mps2(time_s):
+        shock = 50.0 * np.sin(np.pi * (time_s - begin_s) / 0.08)
+        return 2.0 * np.cos(2.0 * np.pi * 3.0 * time_s) + np.where(abs(time_s - begin_s - 0.04) < 0.04, shock, 0.0)
+
+    at_s = np.arange(round(5.0 * rate_hz)) / rate_hz
+    seat, bag = table_of(tmp_path / "seat.csv", "t,az", at_s, G + up_mps2(at_s)), tmp_path / "out.mcap"
+    assert main(["simulate", "--subject", "subject_1", "--seat", str(seat), "-o", str(bag), *EXACT]) == 0
+    with open_bag(bag) as reader:
+        blocks = [block for _, block in imu_blocks(reader, [INPUT["seat"]], "header")]
+    found = np.concatenate([block.accel_mps2 for block in blocks])[:, 2] - G
+    time_s = 1e-9 * (np.concatenate([block.stamps_ns for block in blocks]) - EPOCH_NS)
+    ride_s = time_s - (0.1 + 1.0 + 0.25)  # the record begins 0.1 s after the epoch, then come rest and the rise
+    within = (ride_s >= 0.0) & (ride_s <= at_s[-1])
+    assert within.sum() == pytest.approx(5.0 * 1129.3, abs=3)
+    wanted = up_mps2(ride_s[within]) - up_mps2(at_s).mean()
+    np.testing.assert_allclose(found[within], wanted, atol=0.35)  # steepest slope: 1963 m/s^3
+    assert np.abs(found[ride_s < -0.26]).max() < 0.01 and np.abs(found[ride_s > at_s[-1] + 0.26]).max() < 0.01
+    assert np.abs(np.diff(found)).max() < 2.2  # no step: the half-sine has 1.9 between samples
+
+
+def test_a_motion_that_is_cut_rises_from_zero_and_returns_to_it() -> None:
+    motion = SeatMotion(100.0, np.full((400, 3), 8.0), np.full(400, 0.5)).first(3.0).from_rest()
+    assert motion.seconds == pytest.approx(3.0 + 2.0 * 0.25)
+    np.testing.assert_array_equal(motion.accel_mps2[25:325], 8.0)
+    np.testing.assert_array_equal(motion.pitch_rate_radps[25:325], 0.5)
+    for column in (*motion.accel_mps2.T / 8.0, motion.pitch_rate_radps / 0.5):
+        assert column[0] == column[-1] == 0.0 and np.abs(np.diff(column)).max() < 0.07
+        np.testing.assert_array_equal(column, column[::-1])
 
 
 def test_the_command_prints_warnings_and_refusals(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -32,6 +32,7 @@ from biodyn_ros.replay.replaying import replay
 from biodyn_ros.simulate import simulate_bag
 from biodyn_ros.validate.document import validation_document
 from biodyn_ros.validate.findings import head_findings, verdict
+from biodyn_ros.validate.page import validation_page
 from biodyn_ros.validate.report import Report
 from biodyn_ros.validate.settings import ValidationSettings
 from biodyn_ros.validate.text import text_of
@@ -414,6 +415,13 @@ def test_the_driving_point_has_both_normalisations():
     assert np.array(predicted["apparent_mass_kg"])[still].max() > 70.0
     assert np.array(predicted["coherence"])[still].max() < 0.5
     assert point["printed_band"] == [0.80, 0.95]
+
+
+@pytest.mark.parametrize(("form", "lacks"), [("inertia", False), ("joint", True), ("paper", True)])
+def test_forms_of_the_force_without_effects_say_so(form, lacks):
+    report = report_of(event(), seat_force=form)
+    assert (", without effects in joint 1:" in text_of(report)) == lacks
+    assert ("without effects in joint 1 such as thixotropy" in validation_page(report)) == lacks
 
 
 def test_forces_of_cascade_masses_need_an_option():

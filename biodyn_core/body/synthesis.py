@@ -27,6 +27,9 @@ MOTION_S: Final = (2.0, 3600.0)
 """Shortest motion, and longest drawn case."""
 
 TRUTH_RATE_HZ: Final = 4.0 * NATIVE_RATE_HZ
+FADE_S: Final = 0.25
+"""Duration of the change between rest and motion."""
+
 MARGIN_S: Final = 0.1
 """Truth beyond both ends, for sensors with fast or slow clocks."""
 
@@ -50,6 +53,16 @@ class SeatMotion:
             raise InputError(f"{seconds:g} s of a motion are not used, at least {MOTION_S[0]:g} s are needed")
         end = None if seconds is None else round(min(seconds, self.seconds) * self.rate_hz)
         return SeatMotion(self.rate_hz, self.accel_mps2[:end], self.pitch_rate_radps[:end])
+
+    def from_rest(self) -> SeatMotion:
+        """The whole motion between two additions of FADE_S, in which its end values rise from zero and return to it.
+
+        The additions keep a record that begins or ends in motion from becoming a step, which excites all frequencies.
+        """
+        rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(round(FADE_S * self.rate_hz)) / round(FADE_S * self.rate_hz))
+        state = np.column_stack([self.accel_mps2, self.pitch_rate_radps])
+        state = np.concatenate([rise[:, None] * state[0], state, rise[::-1, None] * state[-1]])
+        return SeatMotion(self.rate_hz, state[:, :3], state[:, 3])
 
 
 @dataclass(frozen=True)
@@ -85,7 +98,10 @@ def imu_streams(
     subject: Subject, motion: SeatMotion, rng: np.random.Generator, sensors: SensorSettings | None = None,
     start_ns: int = 0, quiet_s: float = 1.0,
 ) -> list[ImuStream]:  # fmt: skip
-    """Streams of six IMUs on a subject for a seat motion, with `quiet_s` of rest before and after it."""
+    """Streams of six IMUs on a subject for a seat motion, with `quiet_s` of rest before and after it.
+
+    A measured motion needs `from_rest` first; drawn cases begin and end at rest.
+    """
     settings = sensors or SensorSettings()
     time, accel, pitch = _with_quiet(motion, quiet_s)
     channels = _channels(accel, pitch)
@@ -155,7 +171,7 @@ def _with_quiet(motion: SeatMotion, quiet_s: float) -> tuple[Floats, Floats, Flo
     if motion.rate_hz != TRUTH_RATE_HZ:
         old = np.arange(len(state)) / motion.rate_hz
         new = np.arange(int(old[-1] * TRUTH_RATE_HZ)) / TRUTH_RATE_HZ
-        state = interpolate.CubicSpline(old, state, axis=0)(new) * _fade(new, float(new[-1]))[:, None]
+        state = interpolate.CubicSpline(old, state, axis=0)(new)
     state = np.concatenate([edge, state, edge])
     return np.arange(len(state)) / TRUTH_RATE_HZ, state[:, :3], state[:, 3]
 
@@ -223,8 +239,8 @@ def _delayed(values: Floats, seconds: float, rate_hz: float) -> Floats:
 
 
 def _fade(time: Floats, seconds: float) -> Floats:
-    """Rise from 0 to 1 and back over a quarter of a second at both ends, so that rest turns into motion smoothly."""
-    edge = np.minimum(time, seconds - time) / 0.25
+    """Rise from 0 to 1 and back over FADE_S at both ends, so that rest turns into motion smoothly."""
+    edge = np.minimum(time, seconds - time) / FADE_S
     fade: Floats = 0.5 - 0.5 * np.cos(np.pi * np.clip(edge, 0.0, 1.0))
     return fade
 

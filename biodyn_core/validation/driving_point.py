@@ -36,6 +36,11 @@ class DrivingPoint:
     body_mass_kg: float
     upper_body_mass_kg: float
 
+    @property
+    def lacks_effects(self) -> bool:
+        """Whether the form of the force leaves out what effects add to joint 1, such as thixotropy."""
+        return self.form != "inertia"
+
     def is_coherent(self, least_coherence: float) -> Flags:
         """Flags (f,) of a coherence above the required least and above chance."""
         return np.nan_to_num(self.coherence) > max(self.chance_coherence, least_coherence)

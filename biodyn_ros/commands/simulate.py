@@ -51,7 +51,7 @@ def _run(options: argparse.Namespace) -> None:
         mapping = parse_map(options.map)
         lines: list[str] = []
         motion = read_seat_motion(options.seat, options.seat_rate, mapping, options.time, lines.append)
-        motion = motion.first(options.seconds)
+        motion = motion.first(options.seconds).from_rest()
         for line in lines:  # now, because a refusal is one line
             print(f"biodyn simulate: warning: {line}", file=sys.stderr)
     else:

@@ -7,12 +7,11 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.base.wording import counted
 from biodyn_core.conditioning.conditioner import GRAVITY_TOLERANCE
-from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
 
 OnWarning = Callable[[str], None]
@@ -25,8 +24,17 @@ MAX_STEP_S: Final = 0.2
 Stamps may go back by as much: samples that arrive late. More is a clock that was set, or a stray stamp.
 """
 
-GAP_PERIODS: Final = 3.0
-"""A gap is longer than this number of sampling periods; even stamps with jitter have none."""
+GAP_PERIODS: Final = 3.5
+"""A gap is longer than this number of sampling periods: three lost samples or more.
+
+A spline through a longer one may swing far beyond the samples beside it.
+"""
+
+NEAR_PERIODS: Final = 0.25
+"""A sample that follows another one by less than this number of mean sampling periods is left out.
+
+It was stamped late or early. A spline through both would swing far beyond them: 17-fold for 0.01 of a period.
+"""
 
 IN_G: Final = (0.9, 1.1)
 """A mean acceleration between these, as a number, is gravity in units of g: no motion has such a mean."""
@@ -66,7 +74,7 @@ def check_mean(where: str, accel: Floats, warn: OnWarning) -> None:
 
 
 def order_of(where: str, time_s: Floats, remedy: str, warn: OnWarning) -> Integers:
-    """Indices that put samples at time_s (n,) in order of time, without repeated stamps.
+    """Indices that put samples at time_s (n,) in order of time, without stamps that are equal or nearly so.
 
     Raises InputError for stamps that leap and for gaps beyond MAX_STEP_S; `remedy` states what to do about stamps.
     """
@@ -78,20 +86,47 @@ def order_of(where: str, time_s: Floats, remedy: str, warn: OnWarning) -> Intege
             f" {MAX_STEP_S:g} s is allowed: {remedy}"
         )
     order = np.argsort(time_s, kind="stable")
-    kept = order[np.concatenate([[True], np.diff(time_s[order]) > 0.0])]
+    kept = order[_apart(time_s[order])]
     if late := int((behind_s > 0.0).sum()):
         warn(f"{where}: {counted(late, 'sample is', 'samples are')} out of order and sorted by time")
-    if repeated := time_s.size - kept.size:
+    different = int(np.unique(time_s).size)
+    if repeated := time_s.size - different:
         warn(f"{where}: {counted(repeated, 'sample has', 'samples have')} the time of another one and left out")
+    if near := different - kept.size:
+        words = f"a sample by less than {NEAR_PERIODS:g} of a sampling period and left out"
+        warn(f"{where}: {counted(near, 'sample follows', 'samples follow')} {words}")
     _check_gaps(where, time_s[kept], remedy, warn)
     return kept
+
+
+def _apart(time_s: Floats) -> Integers:
+    """Indices of the samples at sorted time_s (n,) that follow the last kept one by NEAR_PERIODS or more."""
+    different = np.flatnonzero(np.diff(time_s, prepend=-np.inf) > 0.0)
+    steps_s = np.diff(time_s[different])
+    usual_s = steps_s[steps_s <= MAX_STEP_S]  # longer ones are refused later
+    period_s = float(usual_s.mean()) if usual_s.size else 0.0
+    least_s = NEAR_PERIODS * period_s
+    if period_s > 1.0 / MIN_RATE_HZ or not (steps_s < least_s).any():
+        return different  # a low rate is refused later, and stated as it is
+    kept = [0]
+    for index in different[1:]:
+        if time_s[index] - time_s[kept[-1]] >= least_s:
+            kept.append(int(index))
+    return np.array(kept)
+
+
+def gaps_of(time_s: Floats) -> Flags:
+    """Which steps between samples at increasing time_s (n,) are gaps, (n - 1,) bool."""
+    steps_s = np.diff(time_s)
+    gaps: Flags = steps_s > GAP_PERIODS * float(np.median(steps_s))
+    return gaps
 
 
 def _check_gaps(where: str, time_s: Floats, remedy: str, warn: OnWarning) -> None:
     steps_s = np.diff(time_s)
     if not steps_s.size or min(float(np.median(steps_s)), float(steps_s.mean())) > 1.0 / MIN_RATE_HZ:
         return  # refused later: too short, or a low rate and not a record full of gaps
-    gaps = steps_s > max(GAP_PERIODS * float(np.median(steps_s)), ConditioningSettings.max_gap_s)
+    gaps = gaps_of(time_s)
     if not gaps.any():
         return
     at = int(np.argmax(steps_s))
@@ -101,4 +136,4 @@ def _check_gaps(where: str, time_s: Floats, remedy: str, warn: OnWarning) -> Non
             f" most {MAX_STEP_S:g} s is allowed: give the part before or after it, or {remedy}"
         )
     count = counted(int(gaps.sum()), "gap", "gaps")
-    warn(f"{where}: {count} of up to {1e3 * steps_s[at]:.0f} ms, bridged by straight lines")
+    warn(f"{where}: {count} of up to {1e3 * steps_s[at]:.3g} ms, bridged by straight lines")

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from scipy import interpolate
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
@@ -26,7 +27,15 @@ from biodyn_core.conditioning.tilt import rotation_to_vertical
 from biodyn_ros.bag import imu_blocks, open_bag
 from biodyn_ros.reading.mapping import sensors_of
 from biodyn_ros.reading.saturation import limits_of
-from biodyn_ros.reading.seat_checks import MIN_RATE_HZ, OnWarning, check_mean, check_size, ignore_warning, order_of
+from biodyn_ros.reading.seat_checks import (
+    MIN_RATE_HZ,
+    OnWarning,
+    check_mean,
+    check_size,
+    gaps_of,
+    ignore_warning,
+    order_of,
+)
 from biodyn_ros.reading.stamps import choose_times
 
 TIME_NAMES: Final = ("t", "t_s", "time", "time_s", "timestamp_s", "seconds")
@@ -46,6 +55,11 @@ _COLUMN: Final = re.compile(
 _UNITS: Final = (None, "m/s2", "m/s^2", "m/s²", "m/s/s", "mps2", "ms2", "ms-2", "m s-2")
 _AXES: Final = (("x", "forward"), ("y", "left", "right"), ("z", "up", "down"))
 _NEGATIVE: Final = ("right", "down")
+_VERTICAL: Final = ("", "z", "up", "down")
+"""Axes that a single column may have; a name without an axis counts as vertical."""
+
+GRAVITY_FROM_MPS2: Final = 0.5 * STANDARD_GRAVITY_MPS2
+"""A mean acceleration from here on is gravity, which gives the vertical and is removed."""
 
 
 def read_seat_motion(
@@ -127,7 +141,7 @@ def _from_csv(path: Path, rate_hz: float | None, warn: OnWarning) -> tuple[Float
     order = order_of(str(path), time_s, "correct the time column", warn)
     time_s, accel = time_s[order] - time_s[order[0]], accel[order]
     if accel.shape[1] == 1:
-        up = accel[:, 0] - accel[:, 0].mean()
+        up = _upward(f"{path}: {names[columns[0]]}", accel[:, 0], warn)
         return time_s, np.column_stack([np.zeros_like(up), np.zeros_like(up), up]), np.zeros_like(up)
     return time_s, _level(accel)[1], np.zeros(len(accel))
 
@@ -179,6 +193,11 @@ def _accel_columns(path: Path, names: list[str]) -> tuple[list[int], Floats]:
     chosen = [axis for axes in _AXES for axis in axes if axis in found]
     if len(found) == 1:
         chosen = list(found)
+        if chosen[0] not in _VERTICAL:
+            raise InputError(
+                f"{path}: {names[found[chosen[0]]]}, the only acceleration column, is horizontal by its name: a"
+                " vertical one (az, a_up or a_down) or three columns (ax, ay, az) are needed; add or rename columns"
+            )
     elif len(found) != 3 or len(chosen) != 3 or any(not set(axes) & set(chosen) for axes in _AXES):
         listed, near = ", ".join(names), _near([name for name in names if not _COLUMN.fullmatch(name)], ACCEL_NAMES)
         raise InputError(f"{path}: no acceleration columns among {listed}: name them ax, ay, az or x, y, z{near}")
@@ -195,17 +214,29 @@ def _near(names: list[str], known: Sequence[str]) -> str:
     return next((near for name in names if (near := did_you_mean(name, known))), "")
 
 
+def _upward(where: str, accel: Floats, warn: OnWarning) -> Floats:
+    """Remove the mean of one vertical column (n,) m/s^2, and change its sign if that mean is gravity, but negative."""
+    mean = float(accel.mean())
+    if mean > -GRAVITY_FROM_MPS2:
+        return accel - mean
+    warn(f"{where}: gravity shows that the axis points the other way than its name states: the sign is changed")
+    return mean - accel
+
+
 def _level(accel: Floats) -> tuple[Floats, Floats]:
     mean = accel.mean(axis=0)
     norm = float(np.linalg.norm(mean))
-    if norm < 0.5 * STANDARD_GRAVITY_MPS2:
+    if norm < GRAVITY_FROM_MPS2:
         return np.eye(3), accel - mean
     rotation = rotation_to_vertical(mean / norm)
     return rotation, (accel - mean) @ rotation.T
 
 
 def _even(path: Path, time_s: Floats, accel: Floats, pitch: Floats) -> SeatMotion:
-    """Interpolate the motion, in order of time, to an even grid at its mean rate."""
+    """Interpolate the motion, in order of time, to an even grid.
+
+    The grid counts lost samples, so that it meets the others of an even record; it never is slower than the samples.
+    """
     if time_s.size < 3 or time_s[-1] < MOTION_S[0]:
         raise InputError(f"{path}: at least {MOTION_S[0]:g} s of motion with increasing time are needed")
     rate = (time_s.size - 1) / float(time_s[-1])
@@ -213,6 +244,22 @@ def _even(path: Path, time_s: Floats, accel: Floats, pitch: Floats) -> SeatMotio
         raise InputError(
             f"{path}: a rate of {rate:.3g} Hz is too low for a seat motion, at least {MIN_RATE_HZ:g} Hz is needed"
         )
-    grid = np.arange(int(time_s[-1] * rate)) / rate
-    even = np.column_stack([np.interp(grid, time_s, column) for column in (*accel.T, pitch)])
-    return SeatMotion(rate, even[:, :3], even[:, 3])
+    steps_s = np.diff(time_s)
+    # From 1.75 periods on, a sample was lost; jitter of 30 % of a period makes steps of up to 1.6.
+    periods = int(np.maximum(np.floor(steps_s / np.median(steps_s) + 0.25), 1.0).sum())
+    even = _interpolated(time_s, np.column_stack([accel, pitch]), np.linspace(0.0, time_s[-1], periods + 1))
+    return SeatMotion(periods / float(time_s[-1]), even[:, :3], even[:, 3])
+
+
+def _interpolated(time_s: Floats, values: Floats, at_s: Floats) -> Floats:
+    """Interpolate values (n, k) at time_s (n,) to at_s (m,): cubic splines between gaps, straight lines across gaps.
+
+    Splines, because straight lines between samples take away what lies near half the sampling rate.
+    """
+    found: Floats = np.column_stack([np.interp(at_s, time_s, column) for column in values.T])
+    ends = np.flatnonzero(gaps_of(time_s)) + 1
+    for begin, end in zip([0, *ends], [*ends, time_s.size], strict=True):
+        inside = slice(*np.searchsorted(at_s, [time_s[begin], time_s[end - 1]]))
+        if end - begin > 1:  # a single sample between two gaps has no spline
+            found[inside] = interpolate.CubicSpline(time_s[begin:end], values[begin:end], axis=0)(at_s[inside])
+    return found

@@ -73,6 +73,7 @@ def _driving_line(point: DrivingPoint | None, least_coherence: float) -> str:
     if point is None:
         return f"apparent mass: {CASCADE_FORCES}"
     peaks, how = driving_peaks(point, least_coherence), " as printed" if point.as_printed else ""
+    how += ", without effects in joint 1" if point.lacks_effects else ""
     if peaks.apparent_mass is None or peaks.by_body_mass is None or peaks.by_upper_body_mass is None:
         return f"apparent mass, predicted{how}: the coherence is too low"
     return (
