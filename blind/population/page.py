@@ -131,7 +131,7 @@ def marks(study: Study) -> list[Mark]:
             what = f"people of the population in the 95 % interval, {motion}: {figure}"
             found.append(Mark(what, f"{least:g} to {most:g} %", f"{share:.1f} %", least <= share <= most))
     for one in study.mean.softened:
-        reached = f"{one.exponent:+.3f}"
+        reached = _exponent(one)
         what = f"exponent of resonance over magnitude, {_short(one.published.source)}"
         found.append(Mark(what, f"{one.published.exponent:+.3f}, factor 2", reached, one.agrees))
     head = "mean of the population: transmissibility of the head within one standard deviation"
@@ -182,7 +182,7 @@ def _subjects(subjects: Sequence[BesidePeople]) -> str:
         rows.append(
             [
                 found.subject.name, f"{100 * modulus:.0f} %", f"{100 * phase:.0f} %", f"{peak:.2f} at {at_hz:.1f} Hz",
-                f"{head:.2f} at {head_hz:.1f} Hz", *(f"{one.exponent:+.3f}" for one in found.softened),
+                f"{head:.2f} at {head_hz:.1f} Hz", *(_exponent(one) for one in found.softened),
             ]
         )  # fmt: skip
     columns = [
@@ -283,7 +283,13 @@ def _falling(one: Softening) -> str:
 
 def _resonances(one: Softened) -> str:
     mark = "" if one.agrees else ", outside"
-    return f"{one.resonances_hz[0]:.2f} to {one.resonances_hz[1]:.2f} Hz, {one.exponent:+.3f}{mark}"
+    low, high = ("none" if each is None else f"{each:.2f}" for each in one.resonances_hz)
+    return f"{low} to {high} Hz, {_exponent(one)}{mark}"
+
+
+def _exponent(one: Softened) -> str:
+    """The exponent of a subject, or that it has none without both resonances."""
+    return "none" if one.exponent is None else f"{one.exponent:+.3f}"
 
 
 def _short(source: str) -> str:
