@@ -1,7 +1,9 @@
 """Validation: a model's forward prediction of an event that it was not fitted to, against the measurement.
 
-All comparisons are after the warm-up, low-passed on both sides, with the prediction masked like the measurement. A
-small error over time is not enough: the paper's is below 10 %, and its model transmits 2.6 times too much to the head.
+All comparisons are after the warm-up, with the prediction masked like the measurement. The measurement and the seat,
+which drives the prediction, are low-passed; the prediction itself is not. A law that is not linear answers also above
+the cut-off, and there the comparison errs. A small error over time is not enough: the paper's is below 10 %, and its
+model transmits 2.6 times too much to the head.
 """
 
 from __future__ import annotations
@@ -125,7 +127,7 @@ class HeadPeaks:
 
 @dataclass(frozen=True, eq=False)
 class Exposures:
-    """Doses by segment, DRI, and HIC by the name of its window, of low-passed channels after the warm-up.
+    """Doses by segment, DRI, and HIC by the name of its window, after the warm-up; seat and measurement are low-passed.
 
     seat and dri need no model, so that only the warm-up of the first run is left out of them; all others lack that of
     every run. predicted and predicted_hic: of the motion of the segments; as_read: of what their sensors would read,
