@@ -35,7 +35,7 @@ from biodyn_ros.reports.exposure_json import exposure_document
 from biodyn_ros.reports.exposure_report import exposure_report
 from biodyn_ros.validate.people_page import write_people
 from biodyn_ros.validate.people_text import text_of
-from blind.population import head
+from blind.population import head, page
 from blind.population.coverage import SINES, averaged, covered, person_of
 from blind.population.deriving import (
     BODY_MASS_KG,
@@ -227,6 +227,23 @@ def test_forces_of_a_cascade_are_refused() -> None:
 
 
 # --- the population --------------------------------------------------------------------------------------------------
+
+
+def test_the_page_has_the_spread_of_people_and_not_the_slope_at_the_mean() -> None:
+    """Places are normal, so each deviation is an integral over one place; the slope alone misses half of one."""
+    of = population().at_rest
+    low, high = np.log(LOWER[SPREAD]), np.log(UPPER[SPREAD])
+    nodes, weights = np.polynomial.hermite_e.hermegauss(100)
+    places = of.mean[:, None] + np.sqrt(np.diag(of.covariance))[:, None] * nodes
+    logarithm = low[:, None] + (high - low)[:, None] / (1.0 + np.exp(-places))
+    share = weights / weights.sum()
+    mean = logarithm @ share
+    expected = np.sqrt(((logarithm - mean[:, None]) ** 2) @ share)
+    # The estimate of a standard deviation of 20,000 draws errs by 0.5 %, and by more where a tail is long.
+    np.testing.assert_allclose(page.deviations(of), expected, rtol=0.04)
+    assert page.deviations(of)[2] == pytest.approx(0.12, abs=0.005)
+    published = (Path(__file__).parents[1] / "docs" / "people.md").read_text(encoding="utf-8")
+    assert "\n".join(page.parameter_table(of)) in published
 
 
 def test_people_of_the_population_have_the_spread_of_the_group() -> None:
