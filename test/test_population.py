@@ -33,7 +33,9 @@ from biodyn_core.population.references import exponent, references
 from biodyn_ros.commands.cli import main
 from biodyn_ros.reports.exposure_json import exposure_document
 from biodyn_ros.reports.exposure_report import exposure_report
-from blind.population import head
+from biodyn_ros.validate.people_page import write_people
+from biodyn_ros.validate.people_text import text_of
+from blind.population import head, page
 from blind.population.coverage import SINES, averaged, covered, person_of
 from blind.population.deriving import (
     BODY_MASS_KG,
@@ -128,6 +130,21 @@ def test_a_peak_lies_between_lines() -> None:
     assert falling == (1.0, pytest.approx(1.0))
 
 
+def curves_of(modulus: np.ndarray, magnitude_mps2: float = 1.0) -> Curves:
+    """Curves with that modulus of the apparent mass, and no motion of the head."""
+    return Curves(magnitude_mps2, FREQUENCIES_HZ, modulus + 0j, np.ones_like(modulus) + 0j)
+
+
+FREQUENCIES_HZ = np.arange(0.5, 20.0, 0.125)
+
+
+def test_the_end_of_the_searched_band_is_no_resonance() -> None:
+    assert curves_of(1.0 / FREQUENCIES_HZ).resonance_hz is None
+    assert curves_of(1.0 + FREQUENCIES_HZ).resonance_hz is None
+    for at_hz in (1.0, 4.0, 12.0):  # a peak on the first or last line of the band is one
+        assert curves_of(1.0 / (1.0 + (FREQUENCIES_HZ - at_hz) ** 2)).resonance_hz == pytest.approx(at_hz)
+
+
 def test_a_subject_that_diverges_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(curves_module, "SECONDS", 30.0)
     with pytest.raises(InputError, match=r"subject_1: the model diverges at 1e\+09 m/s\^2"):
@@ -171,12 +188,62 @@ def test_the_line_that_normalises_the_modulus_is_not_compared(monkeypatch: pytes
     assert again.share_within(1.0) == found.share_within(1.0) and again.outside == found.outside == ()
 
 
+def test_without_a_resonance_nothing_agrees_and_the_text_says_so(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A resonance of 1.5 Hz, and none at the larger magnitude: 1 Hz there would give the published exponent."""
+
+    def drawn(subject: Subject, magnitude_mps2: float, as_printed: bool = False) -> Curves:
+        if magnitude_mps2 < 1.0:
+            return curves_of(1.0 / (1.0 + (FREQUENCIES_HZ - 1.5) ** 2), magnitude_mps2)
+        return curves_of(1.0 / FREQUENCIES_HZ, magnitude_mps2)
+
+    monkeypatch.setattr(beside_module, "curves", drawn)
+    found = beside_people(shipped("subject_1"))
+    published = references().softening[0]
+    assert exponent(published.magnitudes_mps2, (1.5, 1.0)) == pytest.approx(published.exponent, rel=0.01)
+    assert [one.resonances_hz for one in found.softened] == [(pytest.approx(1.5), None)] * 2
+    assert not any(one.agrees for one in found.softened)
+    lines = text_of(found).splitlines()
+    assert "no resonance from 1 to 12 Hz at 1 m/s^2 rms" in lines
+    assert any(
+        line.startswith(
+            "outside: resonance 1.50 Hz at 0.25 m/s^2, no resonance from 1 to 12 Hz at 2 m/s^2, of 8 people"
+        )
+        for line in lines
+    )
+    write_people(found, tmp_path)
+    document = json.loads((tmp_path / "people.json").read_text(encoding="utf-8"))
+    assert document["apparent_mass"]["resonance_hz"] is None
+    assert [(one["resonances_hz"][1], one["exponent"], one["agrees"]) for one in document["softening"]] == [
+        (None, None, False)
+    ] * 2
+    assert "no resonance from 1 to 12 Hz" in Page((tmp_path / "people.html").read_text(encoding="utf-8")).text
+
+
 def test_forces_of_a_cascade_are_refused() -> None:
     with pytest.raises(InputError, match="cascade"):
         beside_people(shipped("subject_1_as_printed"))
 
 
 # --- the population --------------------------------------------------------------------------------------------------
+
+
+def test_the_page_has_the_spread_of_people_and_not_the_slope_at_the_mean() -> None:
+    """Places are normal, so each deviation is an integral over one place; the slope alone misses half of one."""
+    of = population().at_rest
+    low, high = np.log(LOWER[SPREAD]), np.log(UPPER[SPREAD])
+    nodes, weights = np.polynomial.hermite_e.hermegauss(100)
+    places = of.mean[:, None] + np.sqrt(np.diag(of.covariance))[:, None] * nodes
+    logarithm = low[:, None] + (high - low)[:, None] / (1.0 + np.exp(-places))
+    share = weights / weights.sum()
+    mean = logarithm @ share
+    expected = np.sqrt(((logarithm - mean[:, None]) ** 2) @ share)
+    # The estimate of a standard deviation of 20,000 draws errs by 0.5 %, and by more where a tail is long.
+    np.testing.assert_allclose(page.deviations(of), expected, rtol=0.04)
+    assert page.deviations(of)[2] == pytest.approx(0.12, abs=0.005)
+    published = (Path(__file__).parents[1] / "docs" / "people.md").read_text(encoding="utf-8")
+    assert "\n".join(page.parameter_table(of)) in published
 
 
 def test_people_of_the_population_have_the_spread_of_the_group() -> None:

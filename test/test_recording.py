@@ -262,6 +262,10 @@ def test_a_part_that_is_too_short_is_left_out_and_reported():
     streams = changed(noisy_streams(6.0), "seat", without(slice(6000, 6200)))
     recording = one(streams)
     assert any(line.startswith("a part is left out: ") and "too short" in line for line in recording.warnings)
+    read = next(stream for stream in streams if stream.sensor == "seat").stamps_ns.size
+    # Both parts lie behind the rest of 1 s; the recording itself lacks its two ends.
+    assert recording.left_out_s == pytest.approx((read - 6000) / RATE_HZ, abs=0.01)
+    assert one(noisy_streams(6.0)).left_out_s == 0.0
 
 
 # --- levels ----------------------------------------------------------------------------------------------------------

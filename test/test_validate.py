@@ -18,7 +18,7 @@ from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS,
 from biodyn_core.body import usual_residual
 from biodyn_core.body.model import Chain
 from biodyn_core.body.subject import load_subject
-from biodyn_core.body.synthesis import SensorSettings, load_case
+from biodyn_core.body.synthesis import SensorSettings, imu_streams, load_case
 from biodyn_core.body.usual_residual import UsualResidual
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.recording.recording import WARM_UP_S, Recorder, Recording
@@ -522,6 +522,89 @@ def test_missing_seat_samples_make_all_doses_lower_bounds():
     assert all(each["lower_bound"] is True for each in marked)
     exposure = document_of(event())["exposure"]
     assert exposure["seat"]["lower_bound"] is False and exposure["dri"]["lower_bound"] is False
+
+
+def struck(begin_s: float, strikes_s: float, seconds: float = 8.0) -> Recording:
+    """A run from begin_s on the clock, in which the seat moves little but for the drop of the reference."""
+    time = begin_s + np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    seat = 0.02 * event(seconds, seed=4).seat_mps2
+    here = (time > strikes_s) & (time < strikes_s + 0.08)
+    seat -= np.where(here, 5.0 * naive.GRAVITY * np.sin(np.pi * (time - strikes_s) / 0.08), 0.0)
+    measured = Chain.of(subject()).simulate(seat, RATE_HZ).accel_mps2[:, MEASURED_SEGMENT_INDEX]
+    return Recording("drop", "rail", RATE_HZ, np.rint(1e9 * time).astype(np.int64), seat, measured, ())
+
+
+def test_a_shock_soon_after_a_gap_of_the_seat_stays_in_the_figures_of_the_seat():
+    """Runs from 0 to 8 s and from 8.1 to 16.1 s with the reference drop at 9 s, in the warm-up of the second."""
+    first, second = struck(0.0, strikes_s=9.0), struck(8.1, strikes_s=9.0)
+    report = report_of(first, second)
+    exposure = validation_document(report)["exposure"]
+    assert exposure["dri"]["as_printed"] == pytest.approx(6.47, abs=0.1)
+    assert exposure["dri"]["compression"] == pytest.approx(3.08, abs=0.1)
+    assert exposure["seat"]["counted_s"] == pytest.approx(6.0 + 8.0)
+    weighted = np.concatenate(
+        [naive.weighted("Wk", run.seat_mps2, RATE_HZ)[begin:] for run, begin in ((first, BEHIND), (second, 0))]
+    )
+    assert exposure["seat"]["vdv_mps175"] == pytest.approx((np.sum(weighted**4) / RATE_HZ) ** 0.25, rel=2e-3)
+    # The model settles anew, so neither prediction nor measurement of a segment has the shock.
+    head = exposure["segments"]["head"]
+    assert head["measured"]["counted_s"] == head["predicted"]["counted_s"] == pytest.approx(6.0 + 6.0)
+    assert head["measured"]["vdv_mps175"] < 0.3 * exposure["seat"]["vdv_mps175"]
+
+
+def test_a_gap_of_the_seat_makes_all_doses_lower_bounds():
+    report = report_of(struck(0.0, strikes_s=9.0), struck(8.1, strikes_s=9.0))
+    exposure = validation_document(report)["exposure"]
+    marked = [exposure["seat"], exposure["dri"], exposure["hic15"], *exposure["segments"].values()]
+    assert all(each["lower_bound"] is True for each in marked)
+    assert exposure["dri"]["class_lower_bound"] is True
+    (row,) = (line for line in text_of(report).splitlines() if line.startswith("head  "))
+    assert row.count(">=") == 2
+    left_out = document_of(dataclasses.replace(event(), left_out_s=2.5))["exposure"]
+    assert left_out["seat"]["lower_bound"] is True and left_out["segments"]["neck"]["lower_bound"] is True
+
+
+def test_no_verdict_is_agreement_without_the_strongest_motion_of_the_seat():
+    """The model itself made both recordings; only the second is compared while the seat is struck."""
+    settled = document_of(event(seed=1), struck(20.1, strikes_s=25.0))
+    assert not [each for each in settled["findings"] if each["what"] == "left_out"]
+    unsettled = document_of(event(seed=1, slow=0.3, fast=0.3), struck(20.1, strikes_s=21.0))
+    assert {("undecided", "left_out", name) for name in MEASURED_SEGMENTS} <= kinds(unsettled)
+    assert unsettled["verdict"] == "undecided"
+
+
+def test_a_segment_that_is_masked_in_the_strongest_motion_of_the_seat_is_undecided():
+    def lose(measured: np.ndarray) -> None:
+        measured[4900:6500, HEAD] = np.nan
+
+    document = document_of(with_measured(struck(0.0, strikes_s=5.0, seconds=20.0), lose))
+    assert [each["segment"] for each in document["findings"] if each["what"] == "left_out"] == ["head"]
+    (text,) = (each["text"] for each in document["findings"] if each["what"] == "left_out")
+    assert text.startswith("head: not compared in the strongest motion: the VDV of the seat is ")
+
+
+@pytest.mark.parametrize("rate_hz", [250.0, 300.0])
+def test_a_complete_recording_of_slow_sensors_is_no_lower_bound(rate_hz):
+    """Filter and interpolation of 250 Hz lack 0.2 s more at the end than the seat; a sensor that stops early, more."""
+    sensors = SensorSettings(rate_hz=rate_hz, range_g=200.0)
+    streams = imu_streams(
+        subject(), load_case("road", 8.0, np.random.default_rng(3)), np.random.default_rng(1), sensors
+    )
+
+    def recorded(lost_s: float) -> dict:
+        recorder = Recorder("road", "drive")
+        for stream in streams:
+            count = stream.stamps_ns.size - round(lost_s * rate_hz * (stream.sensor == "neck"))
+            recorder.push(stream.sensor, stream.stamps_ns[:count], stream.accel_mps2[:count])
+        return document_of(*recorder.finish())
+
+    complete = recorded(0.0)
+    assert not any(segment["lower_bound"] for segment in complete["exposure"]["segments"].values())
+    assert not [line for line in complete["warnings"] if "nothing usable" in line]
+    assert "lower_bound" not in complete["exposure"]["hic15"]
+    early = recorded(0.2)
+    assert [name for name, one in early["exposure"]["segments"].items() if one["lower_bound"]] == ["neck"]
+    assert [line.split(":")[0] for line in early["warnings"] if "nothing usable" in line] == ["neck"]
 
 
 def test_a_segment_with_few_compared_samples_is_undecided():

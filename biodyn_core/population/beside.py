@@ -23,21 +23,22 @@ FACTOR: Final = 2.0
 
 @dataclass(frozen=True)
 class Softened:
-    """The resonances of a subject at the magnitudes of a published group."""
+    """The resonances of a subject at the magnitudes of a published group, None without a resonance."""
 
     published: Softening
-    resonances_hz: tuple[float, float]
+    resonances_hz: tuple[float | None, float | None]
 
     @property
-    def exponent(self) -> float:
-        """The exponent n of resonance ~ magnitude^n of the subject."""
-        return exponent(self.published.magnitudes_mps2, self.resonances_hz)
+    def exponent(self) -> float | None:
+        """The exponent n of resonance ~ magnitude^n of the subject; None without both resonances."""
+        low, high = self.resonances_hz
+        return None if low is None or high is None else exponent(self.published.magnitudes_mps2, (low, high))
 
     @property
     def agrees(self) -> bool:
         """Whether the resonance changes with the published sign, and within `FACTOR` of its size."""
-        ratio = self.exponent / self.published.exponent
-        return 1.0 / FACTOR <= ratio <= FACTOR
+        own = self.exponent
+        return own is not None and 1.0 / FACTOR <= own / self.published.exponent <= FACTOR
 
 
 @dataclass(frozen=True)

@@ -39,9 +39,10 @@ class Curves:
     head: Complexes
 
     @property
-    def resonance_hz(self) -> float:
-        """Frequency of the largest modulus of the apparent mass."""
-        return peak_of(self.frequency_hz, np.abs(self.apparent_mass))[0]
+    def resonance_hz(self) -> float | None:
+        """Frequency of the largest modulus of the apparent mass; None where that is no peak, but an end of the band."""
+        modulus = np.abs(self.apparent_mass)
+        return peak_of(self.frequency_hz, modulus)[0] if _is_peak(self.frequency_hz, modulus) else None
 
     @property
     def head_peak(self) -> tuple[float, float]:
@@ -85,10 +86,24 @@ def _seat_force_n(chain: Chain, response: Response, as_printed: bool) -> Floats:
     return response.joint_force_n[:, 0] if on_segments else by_inertia_n
 
 
-def peak_of(frequency_hz: Floats, modulus: Floats) -> tuple[float, float]:
-    """Frequency and value of the largest modulus in `RESONANCE_HZ`, by a parabola through three lines."""
+def _largest(frequency_hz: Floats, modulus: Floats) -> int:
+    """The line of the largest modulus in `RESONANCE_HZ`."""
     inside = (frequency_hz >= RESONANCE_HZ[0]) & (frequency_hz <= RESONANCE_HZ[1])
-    at = int(np.argmax(np.where(inside, modulus, -np.inf)))
+    return int(np.argmax(np.where(inside, modulus, -np.inf)))
+
+
+def _is_peak(frequency_hz: Floats, modulus: Floats) -> bool:
+    """Whether the largest modulus in `RESONANCE_HZ` exceeds both its neighbours, also those outside the band."""
+    at = _largest(frequency_hz, modulus)
+    return bool(modulus[at] > max(modulus[at - 1], modulus[at + 1]))
+
+
+def peak_of(frequency_hz: Floats, modulus: Floats) -> tuple[float, float]:
+    """Frequency and value of the largest modulus in `RESONANCE_HZ`, by a parabola through three lines.
+
+    At an end of the band it is that line, which need not be a peak.
+    """
+    at = _largest(frequency_hz, modulus)
     before, here, after = modulus[at - 1 : at + 2].tolist()
     bend = before - 2.0 * here + after
     away = 0.5 * (before - after) / bend if bend < 0.0 and max(before, after) <= here else 0.0

@@ -11,7 +11,7 @@ import numpy as np
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.wording import counted
-from biodyn_core.conditioning.alignment import Aligner
+from biodyn_core.conditioning.alignment import Aligner, half_width
 from biodyn_core.conditioning.attitude import (
     MAX_GYRO_GAP_S,
     ImplausibleTilt,
@@ -170,6 +170,14 @@ class SensorTrack:
     def reach(self) -> int:
         """Number of samples that the low-pass reaches to either side: the decay of its slowest pole to REACH_SHARE."""
         return self._conditioner.reach(REACH_SHARE)
+
+    def lost_at_ends_s(self) -> float:
+        """Seconds at each end of a complete run in which `aligners` read nothing; 0 without a run."""
+        if not self.runs:
+            return 0.0
+        block = self.runs[0].block
+        # The end sample counts as invalid, and an instant needs its neighbours on either side.
+        return (1 + self.reach() + half_width(round(block.rate_hz, 1), block.cutoff_hz)) / block.rate_hz
 
     def invalid(self, block: Block, bridge_s: float) -> Flags:
         """Flags of samples of a run (n,) that are clipped, stuck, or interpolated across more than `bridge_s`."""

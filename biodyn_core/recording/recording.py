@@ -35,7 +35,7 @@ SHORTEST_LEVEL_S: Final = 2.0
 """Shortest stretch without a mask for a level: three periods of a car's body bounce."""
 
 REPORTED_S: Final = 0.05
-"""Masked time that is reported: one clipped sample masks more, the ends of a record less."""
+"""Masked time that is reported, beyond the ends of a complete record: one clipped sample masks more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +62,11 @@ class Recording:
     `Channels` that they would have read as vertical."""
     seat_invalid_s: float = 0.0
     """Seconds of invalid samples of the seat, and within the low-pass's reach of them."""
+    left_out_s: float = 0.0
+    """Seconds of the seat in other parts of the record, between its gaps, that are in no recording."""
+    ends_s: Mapping[str, float] = field(default_factory=dict)
+    """Seconds at each end that a complete record of a segment lacks: its low-pass and its interpolation reach further
+    than the low-pass of the seat."""
     headings: Mapping[str, float] = field(default_factory=dict)
     """Rotation of x of these sensors' `Channels` to the left of the seat's, rad, where their motion shows it."""
     record: str = ""
@@ -145,15 +150,16 @@ class Recorder:
             why = f"{others[-1].why_missing()}, nor is any other segment: nothing to compare"
             raise UnusableRecording(f"{self.name}: {why}")
         aligners = {name: self._sensors[name].aligners(self.settings.bridge_s) for name in MEASURED_SEGMENTS}
-        recordings, reasons = [], []
+        recordings: list[Recording] = []
+        left_out: list[tuple[float, str]] = []
         for run in seat.runs:
             try:
                 recordings.append(self._recording(run, aligners))
             except InputError as error:
-                reasons.append((-run.block.time_s.size, str(error)))
+                left_out.append((run.block.time_s.size / run.block.rate_hz, str(error)))
         if not recordings:
-            raise UnusableRecording(f"{self.name}: {min(reasons)[1]}")  # the reason of the longest run
-        return self._labelled(recordings, [reason for _, reason in reasons])
+            raise UnusableRecording(f"{self.name}: {max(left_out)[1]}")  # the reason of the longest run
+        return self._labelled(recordings, left_out)
 
     def _recording(self, run: Run, aligners: Mapping[str, Sequence[Aligner]]) -> Recording:
         """A recording from one run of the seat, without its ends, where the low-pass lacks samples."""
@@ -162,6 +168,7 @@ class Recorder:
         inner = slice(reach, run.block.time_s.size - reach)
         block = run.block.part(inner.start, inner.stop)
         invalid = seat.invalid(run.block, self.settings.bridge_s)
+        ends_s = self._ends_s(reach / rate_hz)
         tracks = {SEAT: [track[inner] for track in seat.tracks(run, invalid, self.settings.bridge_s)]}
         unsettled = around(np.isnan(tracks[SEAT][0]), 0, round(WARM_UP_S * rate_hz))
         self._check(tracks[SEAT][0], rate_hz)
@@ -180,12 +187,13 @@ class Recorder:
             measured_mps2=measured,
             warnings=(
                 *self._moved(levels),
-                *self._masked(unsettled, measured, rate_hz),
+                *self._masked(unsettled, measured, rate_hz, ends_s),
                 *_without_rates(tracks, rate_hz),
             ),
             channels=channels,
             mean_tilts={name: tilt for name, sensor in self._sensors.items() if (tilt := sensor.mean_tilt) is not None},
             seat_invalid_s=float(np.count_nonzero(np.isnan(tracks[SEAT][0])) / rate_hz),
+            ends_s=ends_s,
             headings=headings_rad(channels, rate_hz),
             record=self.name,
             cutoff_hz=block.cutoff_hz,
@@ -198,14 +206,21 @@ class Recorder:
         horizontal = [track - self._level(track, rate_hz) for track in tracks[1:3]]
         return Channels(np.column_stack(horizontal), np.column_stack(tracks[3:]) if tracks[3:] else None)
 
-    def _masked(self, unsettled: Flags, measured_mps2: Floats, rate_hz: float) -> Iterator[str]:
+    def _ends_s(self, seat_s: float) -> dict[str, float]:
+        """`Recording.ends_s`, of a seat whose ends are cut by seat_s."""
+        lost_s = {name: self._sensors[name].lost_at_ends_s() for name in MEASURED_SEGMENTS}
+        return {name: max(0.0, of_sensor_s - seat_s) for name, of_sensor_s in lost_s.items()}
+
+    def _masked(
+        self, unsettled: Flags, measured_mps2: Floats, rate_hz: float, ends_s: Mapping[str, float]
+    ) -> Iterator[str]:
         """The masked time, one line for the seat and each segment."""
         if unsettled.any():
             seconds = np.count_nonzero(unsettled) / rate_hz
             yield f"seat: invalid samples, so all segments are masked there and {WARM_UP_S:g} s on: {seconds:.2f} s"
         for name, column in zip(MEASURED_SEGMENTS, measured_mps2.T, strict=True):
             masked_s = np.count_nonzero(np.isnan(column)) / rate_hz
-            if masked_s > REPORTED_S and self._sensors[name].runs:
+            if masked_s > REPORTED_S + 2.0 * ends_s[name] and self._sensors[name].runs:
                 yield f"{name}: nothing usable in {masked_s:.2f} s of {column.size / rate_hz:.2f} s"
 
     def _check(self, seat_mps2: Floats, rate_hz: float) -> None:
@@ -235,10 +250,10 @@ class Recorder:
             if abs(level) > self.settings.moved_level_mps2:
                 yield f"{name}: its level has moved by {level:+.2f} m/s^2 since rest (subtracted): did it tilt?"
 
-    def _labelled(self, recordings: list[Recording], left_out: list[str]) -> list[Recording]:
-        """The recordings, each with its name and the warnings about all."""
+    def _labelled(self, recordings: list[Recording], left_out: list[tuple[float, str]]) -> list[Recording]:
+        """The recordings, each with its name and what concerns all; left_out: seconds and reason of each part."""
         shared = [line for sensor in self._sensors.values() for line in sensor.warnings()]
-        shared += [f"a part is left out: {reason}" for reason in left_out]
+        shared += [f"a part is left out: {reason}" for _, reason in left_out]
         several = len(recordings) > 1
         if several:
             shared.append(f"gaps of the seat split the record into {counted(len(recordings), 'recording')}")
@@ -247,6 +262,7 @@ class Recorder:
                 recording,
                 name=f"{self.name} ({number} of {len(recordings)})" if several else self.name,
                 warnings=(*shared, *recording.warnings),
+                left_out_s=sum(seconds for seconds, _ in left_out),
             )
             for number, recording in enumerate(recordings, 1)
         ]

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 from biodyn_core.base.segments import HEAD, SEGMENTS
 from biodyn_core.identification.settings import CaseSettings
-from biodyn_core.validation.validation import HeadPeaks, Validation
+from biodyn_core.validation.validation import Exposures, HeadPeaks, Validation
 from biodyn_ros.base.wording import number, words
 from biodyn_ros.reading.provenance import Role
 from biodyn_ros.validate.settings import ValidationSettings
@@ -46,6 +46,7 @@ def findings(found: Validation, role: Role | None, limits: ValidationSettings) -
             percent = number(error.nrmse_rms_percent)
             text = f"{words(name)}: error {percent} % of its rms, above {limits.nrmse_percent:g} %"
             yield Finding("disagrees", "nrmse", name, text)
+    yield from _left_out(found.exposures, limits)
     for name in SEGMENTS:
         measured, read = found.exposures.measured[name], found.exposures.as_read[name]
         if min(measured.seconds, read.seconds) >= LEAST_COMPARED_S and measured.vdv_mps175 > 0.0:
@@ -55,6 +56,18 @@ def findings(found: Validation, role: Role | None, limits: ValidationSettings) -
                 which = "predicted VDV" if is_own else "predicted VDV, as its sensor would read it,"
                 text = f"{words(name)}: {which} is {number(ratio)} times the measured one"
                 yield Finding("disagrees", "vdv", name, text + _allowed(limits.dose_ratio))
+
+
+def _left_out(found: Exposures, limits: ValidationSettings) -> Iterator[Finding]:
+    """Segments that are compared, but not in the strongest motion of the seat."""
+    for name, compared in found.seat_compared.items():
+        of_all, of_compared = found.seat.vdv_mps175, compared.vdv_mps175
+        if compared.seconds >= LEAST_COMPARED_S and of_all > limits.dose_ratio * of_compared:
+            text = (
+                f"{words(name)}: not compared in the strongest motion: the VDV of the seat is {number(of_all)}"
+                f" m/s^1.75, and {number(of_compared)} m/s^1.75 where the {words(name)} is compared"
+            )
+            yield Finding("undecided", "left_out", name, text + _allowed(limits.dose_ratio))
 
 
 def head_findings(head: HeadPeaks, averages: float, limits: ValidationSettings) -> Iterator[Finding]:

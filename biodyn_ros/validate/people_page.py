@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -104,7 +105,8 @@ def _resonance(axes: Any, found: BesidePeople) -> None:
     for one, mark in zip(found.softened, ("o", "s", "^"), strict=False):
         magnitudes = one.published.magnitudes_mps2
         axes.plot(magnitudes, one.published.resonances_hz, color=MEASURED_COLOUR, lw=1.2, marker=mark, ms=4.0)
-        axes.plot(magnitudes, one.resonances_hz, color=PREDICTED_COLOUR, lw=1.2, marker=mark, ms=4.0)
+        own = [math.nan if each is None else each for each in one.resonances_hz]
+        axes.plot(magnitudes, own, color=PREDICTED_COLOUR, lw=1.2, marker=mark, ms=4.0)
     for one in references().resonances:
         axes.plot(one.magnitude_mps2, one.resonance_hz, color=MEASURED_COLOUR, marker="D", ms=4.0)
     axes.set_title("resonance, Hz", loc="left", fontweight="bold")

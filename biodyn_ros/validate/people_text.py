@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from biodyn_core.body.origin import origin_of
 from biodyn_core.population.beside import DEVIATIONS, BesidePeople, Outside
+from biodyn_core.population.curves import RESONANCE_HZ
 from biodyn_core.population.references import references
 from biodyn_ros.base.wording import ORIGIN, number
 
@@ -36,7 +37,7 @@ def agreement(found: BesidePeople) -> Iterator[str]:
         f"apparent mass over that at 0.5 Hz: modulus within one standard deviation at {100 * modulus:.0f} %"
         f" of frequencies, phase at {100 * phase:.0f} %"
     )
-    yield f"resonance {number(found.curves.resonance_hz)} Hz at {found.curves.magnitude_mps2:g} m/s^2 rms"
+    yield f"{_resonance(found.curves.resonance_hz)} at {found.curves.magnitude_mps2:g} m/s^2 rms"
 
 
 def sentence_of(one: Outside) -> str:
@@ -52,11 +53,23 @@ def softening(found: BesidePeople) -> Iterator[str]:
     """How the resonance changes with magnitude, beside each group."""
     for one in found.softened:
         (low, high), (first, last) = one.published.magnitudes_mps2, one.published.resonances_hz
+        own, own_last = one.resonances_hz
+        if own is not None and own_last is not None:
+            changes = f"resonance {number(own)} to {number(own_last)} Hz from {low:g} to {high:g} m/s^2"
+        else:
+            changes = f"{_resonance(own)} at {low:g} m/s^2, {_resonance(own_last)} at {high:g} m/s^2"
         yield (
-            f"{'agrees' if one.agrees else 'outside'}: resonance {number(one.resonances_hz[0])} to"
-            f" {number(one.resonances_hz[1])} Hz from {low:g} to {high:g} m/s^2, of {one.published.people} people"
+            f"{'agrees' if one.agrees else 'outside'}: {changes}, of {one.published.people} people"
             f" {first:g} to {last:g} Hz ({one.published.source})"
         )
+
+
+def _resonance(frequency_hz: float | None) -> str:
+    """A resonance, or that there is none in the band in which it is searched."""
+    least_hz, most_hz = RESONANCE_HZ
+    if frequency_hz is None:
+        return f"no resonance from {least_hz:g} to {most_hz:g} Hz"
+    return f"resonance {number(frequency_hz)} Hz"
 
 
 def head(found: BesidePeople) -> str:
