@@ -14,6 +14,7 @@ from uncompiled import Uncompiled
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.conditioning.conditioner import Conditioner, ConditioningSettings
+from biodyn_core.conditioning.gravity import Gravity
 from biodyn_core.conditioning.low_pass import group_delay_s
 from biodyn_core.conditioning.tilt import rotation_to_vertical
 from biodyn_core.kernels import compiling
@@ -308,7 +309,7 @@ def test_an_impossible_sample_counts_as_lost(value, axis):
         samples[at, axis], kept[at] = value, False
     found = Conditioned(stamps(len(accel)), samples)
     wanted = Conditioned(stamps(len(accel))[kept], raw(accel)[kept])
-    assert found.status.non_finite == 3 and found.status.filled == 3 and found.status.runs == 1
+    assert found.status.non_finite == 4 and found.status.filled == 3 and found.status.runs == 1
     np.testing.assert_allclose(found.levelled, wanted.levelled, atol=ROUNDING)
     np.testing.assert_allclose(found.low_passed, wanted.low_passed, atol=ROUNDING)
 
@@ -367,6 +368,74 @@ def test_stamps_that_jump_back_begin_a_new_run_with_increasing_time():
     assert ends[1] - found.begins[1] == len(accel)  # twenty stamps in a row confirm a jump, and none of them is lost
     np.testing.assert_array_equal(found.low_passed[second], found.low_passed[third])
     np.testing.assert_array_equal(found.stamps_ns[second], found.stamps_ns[third])
+
+
+GOOD, UNSET, NON_FINITE, DUPLICATE = range(4)
+IMPOSSIBLE = (np.nan, -np.inf, 1600.0)  # ten times 16 g is 1569 m/s^2
+
+
+def spoiled(faults: list[tuple[int, int, int]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A rest and a ride with faults (first sample, number, cause): stamps (n,), readings (n, 3), cause of each (n,).
+
+    A duplicate follows its sample.
+    """
+    samples = raw(ride(6.0)) + 0.01 * np.random.default_rng(4).standard_normal((len(ride(6.0)), 3))
+    stamps_ns, causes = stamps(len(samples)), np.full(len(samples), GOOD)
+    for at, many, cause in faults:
+        causes[at : at + many] = cause
+    stamps_ns[causes == UNSET] = 0
+    hit = np.flatnonzero(causes == NON_FINITE)
+    samples[hit, hit % 3] = np.take(IMPOSSIBLE, hit // 3 % 3)
+    twice = causes == DUPLICATE
+    causes[twice] = GOOD
+    order = np.repeat(np.arange(len(causes)), 1 + twice)
+    causes = causes[order]
+    causes[np.flatnonzero(np.diff(order) == 0) + 1] = DUPLICATE
+    return stamps_ns[order], samples[order], causes
+
+
+SPOILS = st.lists(
+    st.tuples(st.integers(0, 2400), st.sampled_from([1, 3, 40, 300, 900]), st.integers(UNSET, DUPLICATE)), max_size=5
+)
+
+
+@settings(max_examples=100)
+@given(SPOILS, st.lists(st.integers(0, 6000), max_size=6).map(sorted), st.booleans())
+@example([(100, 3, NON_FINITE)], [], False)  # during the search for rest
+@example([(0, 300, NON_FINITE)], [50, 800], False)
+@example([(0, 900, NON_FINITE)], [], True)
+@example([(400, 40, DUPLICATE), (900, 10, DUPLICATE)], [450, 451], False)  # to the end of the search and after it
+@example([(0, 40, DUPLICATE), (200, 300, UNSET)], [], False)  # the search restarts behind a gap
+@example([(0, 40, DUPLICATE), (200, 300, UNSET)], [], True)
+def test_every_sample_is_accepted_or_rejected_once_or_is_of_the_rest(faults, cuts, is_known):
+    stamps_ns, samples, causes = spoiled(faults)
+    gravity = Gravity((0.0, 0.0, naive.GRAVITY), "motion") if is_known else None
+    found = Conditioned(stamps_ns, samples, cuts, ConditioningSettings(rest_patience_s=1.0), gravity=gravity)
+    status = found.status
+    counted = (status.unset, status.non_finite, status.duplicate, status.late, status.stray)
+    assert counted == (*(int((causes == cause).sum()) for cause in (UNSET, NON_FINITE, DUPLICATE)), 0, 0)
+    begin_ns = found.stamps_ns[0] + round(status.filter_delay_s * 1e9) - round(0.5e9 / RATE_HZ)
+    before = int((stamps_ns[causes == GOOD] < begin_ns).sum())
+    assert status.accepted + status.rejected + before == len(causes)
+
+
+@pytest.mark.parametrize("cut", [1, 7, 350])
+def test_rejected_samples_are_counted_while_rest_is_searched_for(cut):
+    stamps_ns, samples, causes = spoiled([(0, 1, UNSET), (20, 300, NON_FINITE), (330, 5, UNSET)])
+    conditioner = Conditioner("seat")
+    for begin in range(0, 700, cut):
+        conditioner.push(stamps_ns[begin : begin + cut], samples[begin : begin + cut])
+        status, given = conditioner.status(), causes[: begin + cut]
+        assert status.waiting is not None and status.accepted == 0
+        assert (status.unset, status.non_finite) == ((given == UNSET).sum(), (given == NON_FINITE).sum())
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_rejected_samples_of_a_record_without_a_clock_are_counted(is_known):
+    stamps_ns, samples, _ = spoiled([(0, 1, UNSET), (20, 30, NON_FINITE)])
+    gravity = Gravity((0.0, 0.0, naive.GRAVITY), "motion") if is_known else None
+    status = Conditioned(stamps_ns[:100], samples[:100], gravity=gravity).status
+    assert status.rate_hz is None and (status.unset, status.non_finite) == (1, 30)
 
 
 # --- cuts ------------------------------------------------------------------------------------------------------------

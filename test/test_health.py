@@ -115,6 +115,18 @@ def test_a_fault_is_a_warning_while_it_lasts_and_not_two_seconds_later(sensor: s
     assert values["lower_bound"] == "true" and values["settling"] == "false"
 
 
+def test_unusable_samples_are_a_warning_before_gravity_is_known() -> None:
+    streams = list(noisy_streams(6.0))
+    at = next(i for i, one in enumerate(streams) if one.sensor == SEAT)
+    accel = streams[at].accel_mps2.copy()
+    accel[50:CHECK_SAMPLES] = np.nan
+    streams[at] = dataclasses.replace(streams[at], accel_mps2=accel)
+    node = Node(tuple(streams))
+    node.advance()
+    level, message = node.status(SEAT)
+    assert level == WARN and f"{CHECK_SAMPLES - 50} readings that are no numbers" in message
+
+
 def test_an_idling_engine_is_reported_with_the_parameter_to_set() -> None:
     streams = [
         dataclasses.replace(one, accel_mps2=one.accel_mps2 + 0.42 * np.sqrt(2.0) * engine(len(one.stamps_ns)))

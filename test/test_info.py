@@ -92,6 +92,17 @@ def test_all_figures_of_a_known_recording_are_correct(tmp_path: Path) -> None:
     assert "replay: uses seat; not in the bag: pelvis" in text
 
 
+@pytest.mark.parametrize("at", [100, 5000])
+def test_samples_are_rejected_during_rest_as_later(tmp_path: Path, at: int) -> None:
+    header, log, accel = still()
+    accel[at : at + 3] = np.nan
+    header[at + 10] = 0
+    header[at + 21], accel[at + 21] = header[at + 20], accel[at + 20]
+    document = info(write(tmp_path / "a.mcap", {"seat": (header, log, accel)}))
+    seat = by_sensor(document)["seat"]
+    assert seat["rejected_by_cause"] == {"unset": 1, "non_finite": 3, "duplicate": 1, "late": 0, "stray": 0}
+
+
 def test_topics_of_any_rate_have_the_status_of_replay(tmp_path: Path) -> None:
     bag = write(tmp_path / "a.mcap", {"/imu": still(rate_hz=31.0)})
     document = info(bag)

@@ -36,6 +36,7 @@ from biodyn_core.exposure.figure_spread import (
 from biodyn_core.exposure.meters import DoseMeter
 from biodyn_core.pipeline.intervals import NEIGHBOURS, IntervalEstimator, SegmentSpread, carried, prediction_spread
 from biodyn_core.pipeline.pipeline import Pipeline
+from biodyn_core.population.population import new_subject
 from biodyn_core.signals.octaves import N_BANDS
 
 RATE_HZ = 1130.0
@@ -196,6 +197,52 @@ def test_parameters_alone_give_the_difference_of_the_neighbours() -> None:
     found = [one.accel.of_means for one in by_segment(estimated(subject, seconds=31.0)).values()]
     # Spectra of one second are coarser than the filters.
     np.testing.assert_allclose(found, expected, rtol=0.2)
+
+
+def weighted_peaks(accel_mps2: np.ndarray) -> np.ndarray:
+    """Weighted peaks (6,) of accelerations (n, 6), by the meter of doses."""
+    meter = DoseMeter("Wk", RATE_HZ, 6, 60.0)
+    meter.push(np.ascontiguousarray(accel_mps2))
+    return np.array([dose.peak_mps2 for dose in meter.since_reset()])
+
+
+def test_weighted_peaks_of_a_group_spread_as_those_of_each_chain() -> None:
+    """A bump of 35 ms: its samples decide, and not the second with the largest mean."""
+    subject, motion = new_subject("me", 75.0, 1.75), seat()
+    motion[4000:4040] += 12.0 * np.hanning(40)
+    spread, why = prediction_spread(subject)
+    assert spread is not None and spread.both_sides and why == ""
+    accel = Chain.of(subject).simulate(motion, RATE_HZ).accel_mps2
+    found = IntervalEstimator(spread, RATE_HZ, 60.0)
+    stamps_ns = block(motion, 0, motion.size, True).stamps_ns
+    found.push_run(stamps_ns, motion, accel, 0)
+    own = weighted_peaks(accel)
+    changes = [np.log(weighted_peaks(chain.simulate(motion, RATE_HZ).accel_mps2) / own) for chain in spread.chains]
+    expected = [math.sqrt(mean_square_change(one, both_sides=True)) for one in np.transpose(changes)]
+    np.testing.assert_allclose([one.accel.of_peaks for one in by_segment(found).values()], expected, rtol=1e-6)
+    # The same live, in blocks; its rolling figures too.
+    live = IntervalEstimator(spread, RATE_HZ, 60.0)
+    for begin in range(0, motion.size, 700):
+        end = min(begin + 700, motion.size)
+        live.push(block(motion, begin, end, begin == 0), accel[begin:end])
+    for rolling in (False, True):
+        np.testing.assert_allclose([x.accel.of_peaks for x in by_segment(live, rolling).values()], expected, rtol=1e-6)
+
+
+def test_a_prediction_without_a_number_does_not_stay_in_the_weighted_peaks() -> None:
+    subject, motion = new_subject("me", 75.0, 1.75), seat()
+    spread, _ = prediction_spread(subject)
+    assert spread is not None
+    accel = Chain.of(subject).simulate(motion, RATE_HZ).accel_mps2
+    expected, found = (IntervalEstimator(spread, RATE_HZ, 60.0) for _ in range(2))
+    stamps_ns = block(motion, 0, motion.size, True).stamps_ns
+    spoiled = accel.copy()
+    spoiled[500] = np.nan  # in the first, quiet second
+    expected.push_run(stamps_ns, motion, accel, 0)
+    found.push_run(stamps_ns, motion, spoiled, 0)
+    assert len(found.recent) == len(expected.recent) - 1
+    for name, one in by_segment(found).items():
+        assert one.accel.of_peaks == pytest.approx(by_segment(expected)[name].accel.of_peaks, rel=0.01)
 
 
 def test_curves_have_the_rms_of_both_parts() -> None:

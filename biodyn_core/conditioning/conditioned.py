@@ -43,10 +43,11 @@ class SensorStatus:
     """State of one sensor's conditioning; `fault`: why there are no blocks, in one line, None without a fault.
 
     waiting: why gravity is still unknown, and the remedy, in one line. rate_hz: tracked by the sensor's clock;
-    period_s: at rest, the length of a lost sample, 0 before rest. Rejected samples by cause: unset stamp, reading not
-    finite, duplicate, late, stray stamp. filled: interpolated; flat: of a long constant reading; dead: with an axis
-    that has a part in the figures and is constant while another one moves. run_s: length of the present run, with the
-    rest before the first one, None before it. uncounted_s: time before gravity was known; unrested_s: its part in
+    period_s: at rest, the length of a lost sample, 0 before rest. accepted: conditioned, so without those of the rest
+    and before it. Rejected samples by cause, those before gravity was known included: unset stamp, reading not finite
+    or impossible, duplicate, late, stray stamp. filled: interpolated; flat: of a long constant reading; dead: with an
+    axis that has a part in the figures and is constant while another one moves. run_s: length of the present run, with
+    the rest before the first one, None before it. uncounted_s: time before gravity was known; unrested_s: its part in
     motion; set_back_s: time with late stamps in a row, as of a clock that was set back; gap_s: between runs;
     unusable_s: time of the rejected samples since the last accepted one, 0 while it is no gap.
     """

@@ -160,7 +160,7 @@ class Conditioner:
         samples_mps2 = np.array(samples_mps2, dtype=np.float64, order="C")
         if self.rest is None:
             found = self._search.push(stamps_ns, samples_mps2)
-            self._counts[kernel.UNSET] = self._search.unset
+            self._count_searched()
             if found is None:
                 return []
             stamps_ns, samples_mps2 = found
@@ -171,10 +171,16 @@ class Conditioner:
         left = _NO_SAMPLES
         if self.rest is None:
             left = self._search.finish() or _NO_SAMPLES
-            self._counts[kernel.UNSET] = self._search.unset
+            self._count_searched()
         if self.rest is None:
             return []
         return self._condition(*left, final=True) + self._filtered_run()
+
+    def _count_searched(self) -> None:
+        """Count what the search for rest rejected; the kernel, which has not read a sample yet, adds to it."""
+        search = self._search
+        self._counts[kernel.UNSET], self._counts[kernel.NON_FINITE] = search.unset, search.non_finite
+        self._counts[kernel.DUPLICATE] = search.duplicate
 
     @property
     def rate_hz(self) -> float:

@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.errors import InputError
-from biodyn_core.conditioning.sampling_clock import clock_of
+from biodyn_core.conditioning.sampling_clock import clock_of, first_of_each
 
 _CONSTANT_SAMPLES: Final = 1_000
 """So many samples with one stamp mean that stamps do not advance."""
@@ -56,8 +56,9 @@ class RestWindow:
     count for the clock alone. clock_only: gravity is known, and all windows together give the clock, at rest or not,
     until a gap, the end of the record, or of patience.
 
-    dropped: samples that are no longer collected. before: samples before the averaged ones. moving_rms_mps2: of the
-    last window, if it moved; None before.
+    dropped: samples that are no longer collected. before: samples before the averaged ones. repeated: dropped samples
+    with stamp and reading of an earlier one; with clock_only without those of the clock, which are conditioned later.
+    moving_rms_mps2: of the last window, if it moved; None before.
     """
 
     def __init__(
@@ -79,7 +80,7 @@ class RestWindow:
         self.dropped = 0
         self.moving_rms_mps2: float | None = None
         self._broken = False
-        self.before = 0
+        self.before = self.repeated = 0
 
     def add(self, stamps_ns: Integers, samples_mps2: Floats) -> None:
         """Collect stamps (n,) ns and samples (n, 3) m/s^2, in order of arrival."""
@@ -139,7 +140,7 @@ class RestWindow:
             stamps_ns = self._stamps_ns[self._start :]
             first = stamps_ns[:_CONSTANT_SAMPLES]
             if first.size == _CONSTANT_SAMPLES and first.max() == first.min():
-                self._drop(self._start + _CONSTANT_SAMPLES)
+                self._drop_unused(self._start + _CONSTANT_SAMPLES)
                 raise InputError(_CONSTANT)
             past = np.flatnonzero(stamps_ns - stamps_ns[:1] >= round(self._rest_s * 1e9))
             past = past[past >= _MIN_SAMPLES]
@@ -156,9 +157,9 @@ class RestWindow:
                 self._broken = self._clock_only and self._start > self._first
                 if self._broken:
                     return after_break
-                self._drop(after_break)
+                self._drop_unused(after_break)
             elif inside.size > most:
-                self._drop(self._start + most)
+                self._drop_unused(self._start + most)
                 raise InputError(_CONSTANT)
             else:
                 return self._start + int(past[0]) if past.size else None
@@ -167,7 +168,10 @@ class RestWindow:
         stamps_ns, samples = self._stamps_ns[begin:end], self._samples[begin:end]
         readings = self._plausible(begin, end)
         self.before = self.dropped + begin
-        self._drop(end)
+        if self._clock_only:
+            self._drop(end)
+        else:
+            self._drop_unused(end)
         if len(readings) < 2:
             raise InputError("no finite sample arrived: check the sensor")
         stamps_s = np.asarray(stamps_ns - stamps_ns[0], dtype=np.float64) * 1e-9
@@ -183,14 +187,29 @@ class RestWindow:
     def _plausible(self, begin: int, end: int) -> Floats:
         # One implausible sample makes a mean useless, and its square may overflow; NaN compares as False.
         part = self._samples[begin:end]
-        plausible: Floats = part[(np.abs(part) < self._implausible_mps2).all(axis=1)]
+        plausible: Floats = part[is_plausible(part, self._implausible_mps2)]
         return plausible
+
+    def _drop_unused(self, end: int) -> None:
+        """Drop samples that are not conditioned later, and count the repeated ones."""
+        stamps_ns, samples = self._stamps_ns[:end], self._samples[:end]
+        if np.unique(stamps_ns).size < len(stamps_ns):
+            read = is_plausible(samples, self._implausible_mps2)
+            # As a difference, because a float does not hold a stamp to the nanosecond.
+            since_ns = (stamps_ns[read] - stamps_ns[0]).astype(np.float64)
+            self.repeated += int(read.sum()) - first_of_each(since_ns, samples[read]).size
+        self._drop(end)
 
     def _drop(self, end: int) -> None:
         self._buffer = self._buffer[0][end:], self._buffer[1][end:]
         self._stamps_ns, self._samples = self._stamps_ns[end:], self._samples[end:]
         self._start = self._first = 0
         self.dropped += end
+
+
+def is_plausible(samples_mps2: Floats, implausible_mps2: float) -> Flags:
+    """Whether all axes of each sample (n, 3) are finite and below the limit, (n,)."""
+    return np.asarray((np.abs(samples_mps2) < implausible_mps2).all(axis=1))
 
 
 def _rms_about_mean(samples: Floats) -> float:

@@ -11,7 +11,7 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.conditioning.gravity import IDLING_MPS2
-from biodyn_core.conditioning.rest import Rest, RestWindow
+from biodyn_core.conditioning.rest import Rest, RestWindow, is_plausible
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
 
 Samples = tuple[Integers, Floats]
@@ -26,19 +26,22 @@ class RestSearch:
 
     begin: called with each rest found; its InputError is a fault, and the search continues, as after a repair.
     first_ns: stamp of the first sample, None with known gravity. skipped: samples before the conditioned ones, rest
-    included; uncounted: the same in sampling periods; unset: those of them with a stamp of zero.
+    included; uncounted: the same in sampling periods. unset, non_finite, duplicate: those of them with a stamp of zero,
+    without a possible reading, or with stamp and reading of an earlier one (only once the clock is known, because
+    samples may share a stamp). No stamp is late or stray, because there is no clock to judge it by.
     """
 
     def __init__(self, settings: ConditioningSettings, gravity_known: bool, begin: Callable[[Rest], None]) -> None:
         self._settings, self._gravity_known, self._begin = settings, gravity_known, begin
+        self._implausible_mps2 = IMPLAUSIBLE * settings.saturation_mps2
         self._window = RestWindow(
             settings.rest_s, settings.rest_patience_s, settings.rest_rms_mps2, settings.max_gap_s,
-            IMPLAUSIBLE * settings.saturation_mps2, clock_only=gravity_known,
+            self._implausible_mps2, clock_only=gravity_known,
         )  # fmt: skip
         self._early: list[Samples] = []
         self._fault: str | None = None
         self.first_ns: int | None = None
-        self.skipped = self.uncounted = self.unset = 0
+        self.skipped = self.uncounted = self.unset = self.non_finite = self.duplicate = 0
 
     def push(self, stamps_ns: Integers, samples: Floats) -> Samples | None:
         """Add samples (n, 3) with stamps (n,) ns; return those to condition once the search has ended, else None."""
@@ -51,13 +54,26 @@ class RestSearch:
             self.first_ns = int(stamps_ns[is_set.argmax()])
         found = self._found()
         begin = int(np.flatnonzero(is_set)[-self._window.clear()]) if found else len(stamps_ns)
-        self.unset += int((~is_set[:begin]).sum())
+        self._count_rejected(stamps_ns[:begin], samples[:begin])
         self.skipped += begin
         return (stamps_ns[begin:], samples[begin:]) if found else None
 
     def finish(self) -> Samples | None:
         """End the record: with known gravity return the samples to condition, if they show a clock."""
-        return self._with_clock() if self._gravity_known and self._found(final=True) else None
+        if not self._gravity_known:
+            return None
+        if self._found(final=True):
+            return self._with_clock()
+        self.unset = self.non_finite = 0
+        for stamps_ns, samples in self._early:
+            self._count_rejected(stamps_ns, samples)
+        return None
+
+    def _count_rejected(self, stamps_ns: Integers, samples: Floats) -> None:
+        """Count samples (n, 3) that are not conditioned later, as conditioning counts them."""
+        is_set = stamps_ns != 0
+        self.unset += int((~is_set).sum())
+        self.non_finite += int((is_set & ~is_plausible(samples, self._implausible_mps2)).sum())
 
     def _found(self, final: bool = False) -> bool:
         while True:
@@ -72,6 +88,7 @@ class RestSearch:
                 if final:
                     return False
         self._fault = None
+        self.duplicate = 0 if rest.coarse else self._window.repeated
         self.uncounted = self._window.before if self._gravity_known else self._window.dropped
         if not self._gravity_known:
             # By the count of samples, because the first stamp may be a stray one.
@@ -86,7 +103,8 @@ class RestSearch:
         self._window.clear()
         set_at = np.flatnonzero(stamps_ns != 0)
         self.skipped = int(set_at[min(self.uncounted, set_at.size - 1)])
-        self.unset = self.skipped - int((stamps_ns[: self.skipped] != 0).sum())
+        self.unset = self.non_finite = 0
+        self._count_rejected(stamps_ns[: self.skipped], samples[: self.skipped])
         return stamps_ns[self.skipped :], samples[self.skipped :]
 
     @property

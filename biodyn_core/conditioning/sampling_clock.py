@@ -67,7 +67,7 @@ def clock_of(stamps_s: Floats, samples: Floats) -> tuple[Clock, bool]:
     A repeated sample counts once. Raises InputError below three stamps.
     """
     coarse = not _repeats_are_duplicates(stamps_s, samples)
-    return _in_order(stamps_s if coarse else stamps_s[_first_of_each(stamps_s, samples)]), coarse
+    return _in_order(stamps_s if coarse else stamps_s[first_of_each(stamps_s, samples)]), coarse
 
 
 def _in_order(stamps_s: Floats) -> Clock:
@@ -101,7 +101,7 @@ def _repeats_are_duplicates(stamps_s: Floats, samples: Floats) -> bool:
     return within == 1.0 and each.size > 0 and bool((each == each[0]).all())
 
 
-def _first_of_each(stamps_s: Floats, samples: Floats) -> Integers:
+def first_of_each(stamps_s: Floats, samples: Floats) -> Integers:
     """Indices of the samples without repetitions of earlier ones, ascending."""
     rows = np.column_stack([stamps_s, samples])
     return np.sort(np.unique(rows, axis=0, return_index=True)[1])
