@@ -106,7 +106,8 @@ def test_bags_become_cases_with_channels_and_their_roles(bags: dict[str, Path], 
     assert [line for line in document["warnings"] if "made by the model" in line] == [
         f"3 of 3 recordings: {MADE_BY_MODEL}"
     ]
-    none, unexplained = (dataclasses.replace(traced.trace, verdict=verdict) for verdict in ("none", "unexplained"))
+    none = dataclasses.replace(traced.trace, verdict="none", rounds=())  # no other answer in its set
+    unexplained = dataclasses.replace(traced.trace, verdict="unexplained")
     assert tone(dataclasses.replace(traced, trace=none)) == "none"  # no green for recordings of the model itself
     assert tone(Report(none)) == "good"
     assert tone(dataclasses.replace(traced, trace=unexplained)) == "bad"

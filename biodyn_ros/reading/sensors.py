@@ -15,7 +15,6 @@ from biodyn_core.base.segments import SEAT
 from biodyn_core.conditioning.clocks import ClockComparison
 from biodyn_core.conditioning.conditioned import SensorStatus
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
-from biodyn_core.kernels.sensor import LEAP_S
 from biodyn_ros.bag import BagReader, LoggedImu, LogTimes, imu_blocks, open_bag
 from biodyn_ros.base.progress import OnProgress
 from biodyn_ros.reading.mapping import sensors_of
@@ -28,8 +27,10 @@ from biodyn_ros.reading.stamps import SensorClock, choose_times, clock_warnings
 FIRST_SAMPLES: Final = 21
 """The first samples of the seat, of which a stray stamp is not the begin of the bag."""
 
+STRAY_FROM_S: Final = 1.0
 STRAY_SPREADS: Final = 4.0
-"""A stamp is stray if it is farther from the median of these than so many median distances: even ones are within 2."""
+"""A stamp is stray if it is so far from the median of these, and farther than so many median distances: even
+ones are within 2."""
 
 AT_THE_END_S: Final = 10.0
 """The last sample of the seat is searched in so much log time first."""
@@ -101,7 +102,7 @@ class SensorReading:
         if not stamps_ns.size:
             raise InputError(f"{self._reader.path}: the seat has no sample with a stamp")
         apart_ns = np.abs(stamps_ns - np.median(stamps_ns))
-        at = int(np.argmax(apart_ns <= max(1e9 * LEAP_S, STRAY_SPREADS * float(np.median(apart_ns)))))
+        at = int(np.argmax(apart_ns <= max(1e9 * STRAY_FROM_S, STRAY_SPREADS * float(np.median(apart_ns)))))
         return int(stamps_ns[at]), int(logs_ns[at])
 
     def _last_of_seat(self, log_ns: int) -> tuple[int, int]:
