@@ -236,6 +236,9 @@ def test_a_part_is_replayed(bag: Path) -> None:
     assert part.report.run.seconds == pytest.approx(14.0, abs=0.1)
     assert part.report.bag == f"{bag}@6..20"
     assert part.report.uncounted_s < 0.01 < whole.report.uncounted_s
+    # It begins in motion, so the model settles for 2 s; the whole bag begins at rest.
+    settles = [[line for line in one.report.warnings if "settles from rest" in line] for one in (part, whole)]
+    assert len(settles[0]) == 1 and "2.00 s" in settles[0][0] and not settles[1]
 
 
 # --- identity --------------------------------------------------------------------------------------------------------

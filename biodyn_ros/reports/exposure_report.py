@@ -221,8 +221,14 @@ def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
             lines.append(f"{name}: {counted(lost.clipped, 'sample')} clipped: doses and peaks are lower bounds")
         if lost.missing_s > 0.0:
             lines.append(f"{name}: {lost.missing_s:.3f} s missing: doses and peaks are lower bounds")
-    if divergences := pipeline.run_status().divergences:
-        lines.append(f"{MODEL}: {left_range(divergences)}")
+    run = pipeline.run_status()
+    if run.divergences:
+        lines.append(f"{MODEL}: {left_range(run.divergences)}")
+    if run.unpredicted_s > 0.0:
+        lines.append(
+            f"{MODEL}: {run.unpredicted_s:.2f} s of predictions are not counted, in which it settles from rest:"
+            " measured figures contain this time"
+        )
     return lines
 
 
