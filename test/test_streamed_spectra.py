@@ -111,6 +111,19 @@ def test_a_tone_has_its_power_at_its_time_and_frequency() -> None:
     assert np.isnan(found.density[:2, :, 1]).all() and np.isfinite(found.density[2:, :, 1]).all()
 
 
+def test_a_tone_is_drawn_within_half_a_second_of_its_time() -> None:
+    """At 1129.3 Hz a periodogram is a little shorter than a bin, so its first sample soon lies before the bin."""
+    rate_hz, count = 1129.3, 45_000
+    seconds = np.arange(count) / rate_hz
+    tone = np.where((seconds >= 20.0) & (seconds < 30.0), np.sin(2 * np.pi * 12.0 * seconds), 0.0)
+    meter = WaterfallMeter(rate_hz, 1)
+    meter.push(stamps(count, rate_hz), tone[:, None])
+    found = meter.waterfall()
+    begins_s = (found.begins_ns - START_NS) / 1e9
+    power = found.density[:, :, 0].sum(axis=1)
+    assert begins_s[power > 0.25 * power.max()].tolist() == [20.0 + n for n in range(10)]
+
+
 def test_an_hour_of_waterfall_has_as_many_bins_as_a_page_shows_and_their_means() -> None:
     rate_hz, meter = 50.0, WaterfallMeter(50.0, 1)
     loud = np.repeat(np.arange(3600), 50)

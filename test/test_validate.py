@@ -546,7 +546,7 @@ def test_a_shock_soon_after_a_gap_of_the_seat_stays_in_the_figures_of_the_seat()
         [naive.weighted("Wk", run.seat_mps2, RATE_HZ)[begin:] for run, begin in ((first, BEHIND), (second, 0))]
     )
     assert exposure["seat"]["vdv_mps175"] == pytest.approx((np.sum(weighted**4) / RATE_HZ) ** 0.25, rel=2e-3)
-    # The model settles anew, so neither prediction nor measurement of a segment has the shock.
+    # The model settles after the gap, so no figure of a segment contains the shock.
     head = exposure["segments"]["head"]
     assert head["measured"]["counted_s"] == head["predicted"]["counted_s"] == pytest.approx(6.0 + 6.0)
     assert head["measured"]["vdv_mps175"] < 0.3 * exposure["seat"]["vdv_mps175"]

@@ -37,8 +37,8 @@ class SeatPredictor:
     """Predict the segments from the seat, count the predictions, and feed the comparison.
 
     The chain begins from rest after each gap and each divergence. Until it has settled (`WARM_UP_S`), its predictions
-    are returned, but neither counted nor compared. settled: whether the first run begins at rest. divergences: samples
-    at which the model left its range; unpredicted: samples since reset that are not counted. intervals: None without a
+    are returned, but neither counted nor compared. begins_at_rest: whether the first run does. divergences: samples at
+    which the model left its range; unpredicted: samples since reset that are not counted. intervals: None without a
     spread of the predictions.
     """
 
@@ -49,7 +49,7 @@ class SeatPredictor:
         wait_s: float,
         window_s: float,
         spread: PredictionSpread | None = None,
-        settled: bool = True,
+        begins_at_rest: bool = True,
     ) -> None:
         self.stepper = Stepper(chain, rate_hz)
         self.divergences = 0
@@ -62,8 +62,8 @@ class SeatPredictor:
         self.intervals = IntervalEstimator(spread, rate_hz, window_s) if spread else None
         self._accel_batch, self._force_batch = Batch(), Batch()
         self._warm_up = round(WARM_UP_S * rate_hz)
-        self._unsettled = 0 if settled else self._warm_up
-        self._has_begun = False
+        self._unsettled = 0
+        self._at_rest = begins_at_rest
 
     def push(self, block: Block) -> tuple[Floats, Floats]:
         """Predict the segments' accelerations (n, 6) and their motion (n, 18); each run starts from rest."""
@@ -72,21 +72,19 @@ class SeatPredictor:
         before = self.divergences
         accel, motion = self._predict(block.low_passed_mps2)
         self.seat_peak_mps2 = max(self.seat_peak_mps2, _peak(block.low_passed_mps2))
-        settled = accel, motion
-        if self._unsettled or self.divergences > before:
-            settled = self._settled(accel, motion)
-        self._count(*settled)
+        settles = self._unsettled > 0 or self.divergences > before
+        counted, counted_motion = self._settled(accel, motion) if settles else (accel, motion)
+        self._count(counted, counted_motion)
         if self.intervals:
-            self.intervals.push(block, settled[0])
-        self.comparison.seat(block, settled[0])
+            self.intervals.push(block, counted)
+        self.comparison.seat(block, counted)
         return accel, motion
 
     def _begin_run(self, gap_s: float) -> None:
         """Begin from rest after a gap, or at the first sample."""
         self.stepper.reset()
-        if self._has_begun:
-            self._unsettled = self._warm_up
-        self._has_begun = True
+        self._unsettled = 0 if self._at_rest else self._warm_up
+        self._at_rest = False  # of the seat, where the next run begins
         self._count_all()
         for meter in self._of_predictions:
             meter.skip(gap_s)

@@ -66,12 +66,13 @@ class WaterfallMeter:
         for begin in range(0, count * size, size):
             part = rows[begin : begin + size]
             lines = np.fft.rfft((part - part.mean(axis=0)) * self._window[:, None], axis=0)[self._at]
-            self._add(int(stamps_ns[begin]), self._scale * np.abs(lines) ** 2)
+            self._add(int(stamps_ns[begin + size // 2]), self._scale * np.abs(lines) ** 2)
         self._stamps_ns, self._rows = stamps_ns[count * size :].copy(), rows[count * size :].copy()
 
-    def _add(self, begin_ns: int, density: Floats) -> None:
+    def _add(self, middle_ns: int, density: Floats) -> None:
+        """Add a periodogram to the bin of its middle: its first sample may lie just before the bin that it covers."""
         known = np.asarray(~np.isnan(density).any(axis=0), dtype=np.int64)
-        self._join(begin_ns // self._width_ns, np.where(known, density, 0.0), known)
+        self._join(middle_ns // self._width_ns, np.where(known, density, 0.0), known)
         while max(self._bins) - min(self._bins) >= BINS:
             narrow, self._bins = self._bins, {}
             self._width_ns *= 2

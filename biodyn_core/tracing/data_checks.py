@@ -138,11 +138,8 @@ def usable(
                 side.append(found)
     for_all = [set(case.channels) for case in kept[1]]
     shared = set.intersection(*for_all) if for_all else None
-    return (
-        [_with_channels(case, shared) for case in kept[0]],
-        [_with_channels(case, shared) for case in kept[1]],
-        left_out,
-    )
+    to_fit, to_hold_out = ([_with_channels(case, shared) for case in side] for side in kept)
+    return to_fit, to_hold_out, left_out
 
 
 def _with_channels(case: Case, shared: set[str] | None) -> Case:

@@ -302,7 +302,7 @@ def _spreads(runs: Sequence[PredictedRun], rate_hz: float, subject: Subject) -> 
 
 
 def _masked(runs: Sequence[PredictedRun]) -> Iterator[str]:
-    """Segments with masked samples, and a seat with invalid ones, or with a gap, after which the model settles anew.
+    """Segments with masked samples, and the seat if it has invalid samples or a gap: the model settles after both.
 
     The end of a run does not count, where low-pass and interpolation lack samples.
     """

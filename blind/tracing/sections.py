@@ -30,13 +30,13 @@ from conformance.table import table
 
 WITHOUT: Final = ("This run has no probabilities.", "")
 
-CEILINGS: Final[Mapping[str, tuple[Callable[[Outcome], bool], Callable[[Outcome], bool]]]] = {
-    "class": (attrgetter("class_right"), methodcaller("named_with_true_law", SURE)),
-    "in the 90 % set": (attrgetter("in_set"), attrgetter("in_set_with_true_law")),
-    "one right": (lambda one: one.found > 0, lambda one: one.named_alone(SURE) > 0),
-    "both found": (lambda one: one.found == len(one.score.causes), lambda one: one.named_alone(SURE) == 2),
+CEILINGS: Final[Mapping[str, Callable[[Outcome], bool]]] = {
+    "class": methodcaller("named_with_true_law", SURE),
+    "in the 90 % set": attrgetter("in_set_with_true_law"),
+    "one right": lambda one: one.named_alone(SURE) > 0,
+    "both found": lambda one: one.named_alone(SURE) == len(one.score.causes),
 }
-"""By mark: whether a record reaches it, and whether it does with the true law in the catalogue."""
+"""By mark: whether a record reaches it with the true law in the catalogue."""
 
 
 def pictures(outcomes: Sequence[Outcome]) -> dict[str, str]:
@@ -79,7 +79,7 @@ def ceiling_lines(outcomes: Sequence[Outcome], found: Sequence[Mark]) -> list[st
             continue
         for rule in row.rules:
             if rule.what in CEILINGS:
-                reached, ideal = (sum(map(of, mine)) for of in CEILINGS[rule.what])
+                reached, ideal = (int(sum(map(of, mine))) for of in (rule.of, CEILINGS[rule.what]))
                 shares = (share_text(count, len(mine)) for count in (reached, ideal))
                 rows.append((row.name, rule.what, rule.required, *shares, str(without)))
                 covered.add((row.name, rule.what))
