@@ -253,3 +253,23 @@ def test_masked_samples_and_lost_sensors_are_left_out() -> None:
     assert pelvis.used(without_neck)[1800:].all()  # the neck is a fiftieth of the mass: its motion is predicted
     assert not top.used(without_neck).any()
     assert restoring_force(top, TRUTH, TRUTH, [], [without_neck], 0) is None
+
+
+def test_events_count_by_their_time_whatever_their_rate() -> None:
+    """The squared force of two events is that of each, weighted by its time, though one has half the samples."""
+    first, second = cases()["stop"][:2]
+    names = ("seat_mps2", "measured_mps2", "compared")
+    halves = {name: np.ascontiguousarray(getattr(second, name)[::2]) for name in names}
+    slow = dataclasses.replace(second, rate_hz=0.5 * second.rate_hz, **halves)
+    target = Target.of(STOP, Chain.of(TRUTH))
+
+    def square_and_time(*events: Case) -> tuple[float, float]:
+        one = restoring_force(target, TRUTH, TRUTH, [], events, 0)
+        assert one is not None
+        return one.missing_before_n**2, one.samples.sum() / events[0].rate_hz
+
+    of_first, of_slow = square_and_time(first), square_and_time(slow)
+    both = square_and_time(first, slow)[0]
+    squares, times = zip(of_first, of_slow, strict=True)
+    assert both == pytest.approx(np.average(squares, weights=times), rel=1e-9)
+    assert abs(of_first[0] / of_slow[0] - 1.0) > 0.1

@@ -139,7 +139,9 @@ def test_probabilities_never_exclude_an_answer() -> None:
     assert probability(NAN) == "–"
     close = dataclasses.replace(a_round("ambiguous"), answers={"dry_friction": 0.7996, "none": 0.2004})
     assert "mechanism dry friction is 0.7996" in reliability(found("ambiguous", rounds=(close,)))  # 0.80 would be named
-    assert "mechanism dry friction is 0.80" in reliability(found("effect", rounds=(close,)))
+    named = dataclasses.replace(close, answers={"dry_friction": 0.8004, "none": 0.1996})
+    assert "mechanism dry friction is 0.80," in reliability(found("effect", rounds=(named,)))
+    assert [probability(p, 0.8) for p in (0.7996, 0.8, 0.85, 0.003, NAN)] == ["0.7996", "0.80", "0.85", "< 0.01", "–"]
 
 
 def test_ambiguous_states_whether_nothing_may_be_missing() -> None:

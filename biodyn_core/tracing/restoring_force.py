@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -43,8 +44,12 @@ class FittedEffect:
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """Samples (n,): stretch m, rate m/s, and forces N: carried; missing before, without and with the law."""
+    """Samples (n,): duration s, stretch m, rate m/s, and forces N: carried; missing before, without and with the law.
 
+    Events of different rates count by their time, so means weight samples by their duration.
+    """
+
+    duration_s: Floats
     stretch_m: Floats
     rate_mps: Floats
     carried_n: Floats
@@ -74,9 +79,22 @@ class _Bins:
         found = np.searchsorted(self.edges, values, side="right") - 1
         return np.where(values == self.edges[-1], len(self.edges) - 2, found)
 
-    def means(self, at: Floats, values: Floats) -> Floats:
-        """Mean of values (n,) in each bin of their coordinate, NaN for few."""
-        return _means(self.numbers(at), values, len(self.edges) - 1, self.least_samples)
+    def means(self, at: Floats, values: Floats, duration_s: Floats) -> Floats:
+        """Mean over time of values (n,) in each bin of their coordinate, NaN for few."""
+        return _means(self.numbers(at), values, duration_s, len(self.edges) - 1, self.least_samples)
+
+
+@dataclass(frozen=True, eq=False)
+class _Law:
+    """Samples (n,) of a law in simulation: duration s, stretch m, rate m/s, force N."""
+
+    duration_s: Floats
+    stretch_m: Floats
+    rate_mps: Floats
+    force_n: Floats
+
+
+_Samples = TypeVar("_Samples", _Points, _Law)
 
 
 def restoring_force(
@@ -105,16 +123,16 @@ def restoring_force(
         high_pass_hz=target.high_pass_hz,
         body_mass_kg=after.body_mass_kg,
         events=tuple(case.name for case in shown),
-        carried_n=_rms(points.carried_n),
-        missing_before_n=_rms(points.before_n),
-        missing_after_n=_rms(points.after_n),
+        carried_n=_rms(points.carried_n, points.duration_s),
+        missing_before_n=_rms(points.before_n, points.duration_s),
+        missing_after_n=_rms(points.after_n, points.duration_s),
         stretch_m=stretches.centres,
         rate_mps=rates.centres,
         samples=np.bincount(cells, minlength=count).reshape(shape),
-        before_n=_means(cells, points.before_n, count, s.least_samples).reshape(shape),
-        after_n=_means(cells, points.after_n, count, s.least_samples).reshape(shape),
-        over_stretch=_profile(stretches, points.stretch_m, points, [(law[0], law[2]) for law in draws]),
-        over_rate=_profile(rates, points.rate_mps, points, [(law[1], law[2]) for law in draws]),
+        before_n=_means(cells, points.before_n, points.duration_s, count, s.least_samples).reshape(shape),
+        after_n=_means(cells, points.after_n, points.duration_s, count, s.least_samples).reshape(shape),
+        over_stretch=_profile(stretches, "stretch_m", points, draws),
+        over_rate=_profile(rates, "rate_mps", points, draws),
     )
 
 
@@ -142,13 +160,19 @@ def _points(
     """The usable samples of one event, all of one motion: below the high-pass it is that of the subject after."""
     motion, used = measured_motion(after, case, target.high_pass_hz, s), target.used(case)
     forces = (missing_force(Chain.of(subject), motion, target) for subject in (before, base, after))
-    everything = (*target.coordinates(motion), inertial_force(Chain.of(after), motion, target), *forces)
-    return _Points(*(one[used] for one in everything))
+    carried = inertial_force(Chain.of(after), motion, target)
+    return _Points(*(one[used] for one in (_durations(case), *target.coordinates(motion), carried, *forces)))
 
 
-def _joined(parts: Sequence[_Points]) -> _Points:
-    names = [field.name for field in dataclasses.fields(_Points)]
-    return _Points(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+def _durations(case: Case) -> Floats:
+    """The duration of each sample (n,), s."""
+    return np.full(len(case.seat_mps2), 1.0 / case.rate_hz)
+
+
+def _joined(parts: Sequence[_Samples]) -> _Samples:
+    of = type(parts[0])
+    names = [field.name for field in dataclasses.fields(of)]
+    return of(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 def _drawn(after: Subject, found: Sequence[FittedEffect], seed: int, draws: int) -> Iterator[Subject]:
@@ -171,50 +195,64 @@ def _draw(one: FittedEffect, rng: np.random.Generator) -> AppliedEffect:
     return dataclasses.replace(one.applied, values=dict(zip(names, values, strict=True)))
 
 
-def _law(target: Target, base: Subject, subject: Subject, cases: Sequence[Case]) -> tuple[Floats, Floats, Floats]:
-    """Stretch m, rate m/s and force N (n,) of the effects of a subject that its base lacks, in simulation."""
+def _law(target: Target, base: Subject, subject: Subject, cases: Sequence[Case]) -> _Law:
+    """The effects of a subject that its base lacks, in simulation."""
     parts, chain = [], Chain.of(base)
     for case in cases:
         with np.errstate(all="ignore"):
             motion, used = simulated_motion(subject, case), target.used(case)
             force = missing_force(chain, motion, target)
         finite = used & np.isfinite(force)
-        parts.append([one[finite] for one in (*target.coordinates(motion), force)])
-    stretch, rate, force = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return stretch, rate, force
+        parts.append(_Law(*(one[finite] for one in (_durations(case), *target.coordinates(motion), force))))
+    return _joined(parts)
 
 
-def _profile(bins: _Bins, at: Floats, points: _Points, draws: Sequence[tuple[Floats, Floats]]) -> ForceProfile:
-    """Means over one coordinate; draws: that coordinate and the law's force of the subject after, then of the drawn."""
-    laws = np.array([bins.means(*draw) for draw in draws]) if draws else np.full((1, len(bins.centres)), np.nan)
+def _profile(bins: _Bins, coordinate: str, points: _Points, draws: Sequence[_Law]) -> ForceProfile:
+    """Means over one coordinate, an attribute of points and laws; draws: of the subject after, then of the drawn."""
+
+    def means(of: _Points | _Law, values: Floats) -> Floats:
+        return bins.means(getattr(of, coordinate), values, of.duration_s)
+
+    laws = np.array([means(law, law.force_n) for law in draws] or [np.full(len(bins.centres), np.nan)])
     drawn = laws[1:]
     visited = np.isfinite(drawn).sum(axis=0) > len(drawn) // 2
     lower, upper = np.full((2, len(visited)), np.nan)
     if visited.any():
         lower[visited], upper[visited] = np.nanquantile(drawn[:, visited], (0.025, 0.975), axis=0)
-    number, measured = bins.numbers(at), bins.means(at, points.measured_n)
+    number, measured = bins.numbers(getattr(points, coordinate)), means(points, points.measured_n)
     known = np.isfinite(measured[number])
-    whole, rest = points.measured_n[known], (points.measured_n - measured[number])[known]
+    rest, whole = (
+        _variance(force[known], points.duration_s[known])
+        for force in (points.measured_n - measured[number], points.measured_n)
+    )
     return ForceProfile(
         at=bins.centres,
         samples=np.bincount(number, minlength=len(bins.centres)),
-        before_n=bins.means(at, points.before_n),
-        after_n=bins.means(at, points.after_n),
+        before_n=means(points, points.before_n),
+        after_n=means(points, points.after_n),
         measured_n=measured,
         law_n=laws[0],
         lower_n=lower,
         upper_n=upper,
-        explained=float(1.0 - np.var(rest) / np.var(whole)) if whole.size and np.var(whole) > 0.0 else 0.0,
+        explained=1.0 - rest / whole if whole > 0.0 else 0.0,
     )
 
 
-def _means(cells: Integers, values: Floats, count: int, least_samples: int) -> Floats:
-    """Mean of values (n,) in each of `count` cells, NaN for few; cells outside are dropped."""
+def _means(cells: Integers, values: Floats, duration_s: Floats, count: int, least_samples: int) -> Floats:
+    """Mean over time of values (n,) in each of `count` cells, NaN for few; cells outside are dropped."""
     inside = (cells >= 0) & (cells < count)
-    samples = np.bincount(cells[inside], minlength=count)
-    sums = np.bincount(cells[inside], values[inside], minlength=count)
-    return np.where(samples >= least_samples, sums / np.maximum(samples, 1), np.nan)
+    cells, values, duration_s = cells[inside], values[inside], duration_s[inside]
+    samples, times = np.bincount(cells, minlength=count), np.bincount(cells, duration_s, minlength=count)
+    sums = np.bincount(cells, values * duration_s, minlength=count)
+    return np.where(samples >= least_samples, sums / np.where(samples > 0, times, 1.0), np.nan)
 
 
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+def _rms(values: Floats, duration_s: Floats) -> float:
+    return float(np.sqrt(np.average(values**2, weights=duration_s)))
+
+
+def _variance(values: Floats, duration_s: Floats) -> float:
+    """Over time; 0 without values."""
+    if not values.size:
+        return 0.0
+    return float(np.average((values - np.average(values, weights=duration_s)) ** 2, weights=duration_s))

@@ -44,7 +44,7 @@ def text_of(report: Report) -> str:
         reliability(trace),
         *(f"because: {reason}" for reason in trace.reasons),
         "",
-        *(_answer_lines(trace.rounds[0]) if trace.rounds else ()),
+        *(_answer_lines(trace.rounds[0], trace.named_from or 0.0) if trace.rounds else ()),
         "error, % of measured rms " + "".join(f"{words(name):>12}" for name in MEASURED_SEGMENTS) + f"{'all':>9}",
         *_error_rows(trace),
         *_floor_line(trace),
@@ -97,9 +97,9 @@ def _effect_lines(trace: Trace) -> Iterator[str]:
         yield f"{done}: {what} [{applied.effect.family}]" + (f": {shown}" if shown else "")
 
 
-def _answer_lines(first: Round) -> Iterator[str]:
+def _answer_lines(first: Round, least: float) -> Iterator[str]:
     """The probabilities of the answers, the members of the 90 % set marked."""
-    rows = [(f"  {name}", probability(p), "yes" if likely else "") for name, p, likely in answer_rows(first)]
+    rows = [(f"  {name}", probability(p, least), "yes" if likely else "") for name, p, likely in answer_rows(first)]
     yield from table([("answer", "probability", "in the 90 % set"), *rows], left={0, 2})
     omitted = other_answers(first)
     yield from [f"  {omitted}"] if omitted else []

@@ -101,11 +101,15 @@ def chance(trace: Trace) -> str:
     )
 
 
-def probability(p: float) -> str:
-    """A probability with two decimals; never 0.00 or 1.00, which would exclude the rest."""
+def probability(p: float, least: float = 0.0) -> str:
+    """A probability with two decimals; never 0.00 or 1.00, which would exclude the rest.
+
+    It has further decimals where two would show a probability below `least` as if it reached it.
+    """
     if finite(p) is None:
         return number(None)
-    return probability_text(p)
+    shown = probability_text(p)
+    return number_below(p, least) if shown[0].isdigit() and p < least <= float(shown) else shown
 
 
 def answer_rows(found: Round) -> list[tuple[str, float, bool]]:
@@ -288,19 +292,14 @@ def _probable(trace: Trace) -> Iterator[str]:
     if not trace.rounds:
         return
     best, chosen = trace.rounds[0].best, trace.chosen
-    p, least = trace.rounds[0].answers[best], trace.named_from or 0.0
-
-    def below(value: float) -> str:
-        rounded_up = trace.verdict == "ambiguous" and value < least <= float(f"{value:.2f}")
-        return number_below(value, least) if rounded_up else probability(value)
-
-    shown = below(p)
+    least = trace.named_from or 0.0
+    shown = probability(trace.rounds[0].answers[best], least)
     if best == NONE:
         yield f"The probability that {in_words(best)} is {shown}."
     elif best == OUTSIDE:
         yield f"The probability of {in_words(best)} is {shown}."
     else:
-        site = f", that of {effect_name(*chosen.key)} is {below(chosen.probability)}" if chosen else ""
+        site = f", that of {effect_name(*chosen.key)} is {probability(chosen.probability, least)}" if chosen else ""
         yield f"The probability of the mechanism {in_words(best)} is {shown}{site}."
 
 
