@@ -24,7 +24,7 @@ from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_core.pipeline.prediction import MAX_STRETCH_M
 from biodyn_ros.node.warmup import warm_up
 from biodyn_ros.reports.exposure_json import exposure_document
-from biodyn_ros.reports.exposure_report import exposure_report
+from biodyn_ros.reports.exposure_report import exposure_report, sensor_warnings
 
 
 @cache
@@ -674,3 +674,16 @@ def test_nothing_is_compiled_after_the_warm_up() -> None:
     run(noisy_streams(), in_turn(noisy_streams(), 1)[:30000])
     run(noisy_streams(), in_turn(noisy_streams(), 333))
     assert [list(kernel.signatures) for kernel in compiled] == before
+
+
+@pytest.mark.parametrize(("step", "told"), [(2, []), (4, [f"{SEAT}: 282 Hz is slow"])])
+def test_a_slow_seat_is_reported(step: int, told: list[str]) -> None:
+    streams = [
+        dataclasses.replace(
+            one, stamps_ns=one.stamps_ns[::step], accel_mps2=one.accel_mps2[::step], gyro_radps=one.gyro_radps[::step]
+        )
+        for one in independent_streams(6.0)
+    ]
+    pipeline = run(streams, in_turn(streams)).pipeline
+    lines = sensor_warnings(pipeline, SENSORS)
+    assert [line.rpartition(":")[0] for line in lines if "is slow" in line] == told

@@ -175,12 +175,21 @@ def test_the_low_pass_reaches_no_further_than_stated(rate_hz, samples):
     assert answer[: 2000 - samples].max() < REACH_SHARE * answer.max()
 
 
-def test_the_mask_of_a_slow_sensor_covers_the_reach_of_its_own_filter():
-    def thinned(stream):
-        stamps, samples, rates = (part[::4] for part in (stream.stamps_ns, stream.accel_mps2, stream.gyro_radps))
-        return dataclasses.replace(stream, stamps_ns=stamps, accel_mps2=samples, gyro_radps=rates)
+def thinned(stream: ImuStream, step: int) -> ImuStream:
+    stamps, samples, rates = (part[::step] for part in (stream.stamps_ns, stream.accel_mps2, stream.gyro_radps))
+    return dataclasses.replace(stream, stamps_ns=stamps, accel_mps2=samples, gyro_radps=rates)
 
-    streams = [thinned(stream) for stream in independent_streams(6.0)]
+
+def test_a_slow_seat_is_reported():
+    """A prediction takes the seat as linear between samples: docs/signals.md has its error by rate."""
+    streams = independent_streams(6.0)
+    assert not any("is slow" in line for line in one([thinned(each, 2) for each in streams]).warnings)
+    (line,) = [line for line in one([thinned(each, 4) for each in streams]).warnings if "is slow" in line]
+    assert line.startswith("seat: 282 Hz is slow: predicted doses and forces of fast motion are too low")
+
+
+def test_the_mask_of_a_slow_sensor_covers_the_reach_of_its_own_filter():
+    streams = [thinned(stream, 4) for stream in independent_streams(6.0)]
     good = one(streams, keep_level=True).measured_mps2[:, HEAD]
     head = one(changed(streams, "head", clip_at(1000, 1)), keep_level=True).measured_mps2[:, HEAD]
     assert 0 < np.isnan(head).sum() < 80

@@ -18,7 +18,7 @@ from biodyn_core.base.errors import InputError, UnusableRecording
 from biodyn_core.base.segments import HEAD, MEASURED_SEGMENTS, SEAT, SENSORS
 from biodyn_core.base.suggestions import known_are
 from biodyn_core.base.wording import counted
-from biodyn_core.body.model import WARM_UP_S
+from biodyn_core.body.model import WARM_UP_S, slow_seat
 from biodyn_core.conditioning.alignment import Aligner
 from biodyn_core.conditioning.channels import Channels
 from biodyn_core.conditioning.conditioned import Block
@@ -186,6 +186,7 @@ class Recorder:
             seat_mps2=block.low_passed_mps2 - levels[SEAT],
             measured_mps2=measured,
             warnings=(
+                *([f"{SEAT}: {slow}"] if (slow := slow_seat(rate_hz)) else []),
                 *self._moved(levels),
                 *self._masked(unsettled, measured, rate_hz, ends_s),
                 *_without_rates(tracks, rate_hz),

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 from biodyn_core.base.segments import HEAD, SEAT, SEGMENTS, SENSORS
 from biodyn_core.base.wording import counted
-from biodyn_core.body.model import Chain
+from biodyn_core.body.model import Chain, slow_seat
 from biodyn_core.body.origin import Origin, origin_of
 from biodyn_core.body.subject import Subject
 from biodyn_core.conditioning.conditioner import Mode
@@ -221,15 +221,20 @@ def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
             lines.append(f"{name}: {counted(lost.clipped, 'sample')} clipped: doses and peaks are lower bounds")
         if lost.missing_s > 0.0:
             lines.append(f"{name}: {lost.missing_s:.3f} s missing: doses and peaks are lower bounds")
-    run = pipeline.run_status()
+    return [*lines, *_model_warnings(pipeline)]
+
+
+def _model_warnings(pipeline: Pipeline) -> Iterator[str]:
+    run, seat_hz = pipeline.run_status(), pipeline.status(SEAT).rate_hz
+    if seat_hz is not None and (slow := slow_seat(seat_hz)):
+        yield f"{SEAT}: {slow}"
     if run.divergences:
-        lines.append(f"{MODEL}: {left_range(run.divergences)}")
+        yield f"{MODEL}: {left_range(run.divergences)}"
     if run.unpredicted_s > 0.0:
-        lines.append(
+        yield (
             f"{MODEL}: {run.unpredicted_s:.2f} s of predictions are not counted, in which it settles from rest:"
             " measured figures contain this time"
         )
-    return lines
 
 
 def _channels(doses: Mapping[str, Dose], lost: Mapping[str, Losses]) -> dict[str, ChannelExposure]:
