@@ -49,7 +49,7 @@ def test_a_label_has_the_mechanism_and_the_exact_cause() -> None:
     assert right(own) == {"cubic neck", "stop head"} and right(own, exact=True) == {"cubic neck"}
     assert (own.weight, own.mechanism, own.ratio, own.background) == (1.0, "nonlinear_stiffness", 2.0, ("paper",))
     # Without its mechanism the cause is outside the catalogue.
-    assert [key[0] for key in without.features.keys] == ["friction", "tilt"]
+    assert [key[0] for key in without.features.keys] == ["friction", "clock"]
     assert right(without) == right(without, exact=True) == {OUTSIDE} and without.weight == learn.LEFT_OUT
 
 

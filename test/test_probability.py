@@ -54,7 +54,7 @@ EVIDENCE = Evidence(
         CandidateEvidence("friction", "neck", 0.3, 0.4, 0.2, (0.35, 0.5), fit(0.3, 0.5, 0.4)),
         CandidateEvidence("cubic", "neck", 0.1, 0.2, 0.5, (0.1, 0.1)),
         CandidateEvidence("stop", "head", 0.05, 0.1, 0.9),
-        CandidateEvidence("tilt", "head", 0.02, 0.1, 0.1, (0.02, 0.1), fit(0.02, -0.01, 0.0), ((0.1, 0.2), True)),
+        CandidateEvidence("clock", "head", 0.02, 0.1, 0.1, (0.02, 0.1), fit(0.02, -0.01, 0.0), ((0.1, 0.2), True)),
     ),
 )
 
@@ -158,10 +158,10 @@ def test_the_form_with_the_larger_gain_counts() -> None:
 
 
 def test_gains_beside_other_candidates_count() -> None:
-    friction, cubic, stop, tilt = EVIDENCE.candidates
-    friction = dataclasses.replace(friction, beside=(("tilt", "head", 0.002),))
-    tilt = dataclasses.replace(tilt, beside=(("friction", "neck", 0.3),))
-    rows = features(Evidence(BODY, (friction, cubic, stop, tilt)))
+    friction, cubic, stop, clock = EVIDENCE.candidates
+    friction = dataclasses.replace(friction, beside=(("clock", "head", 0.002),))
+    clock = dataclasses.replace(clock, beside=(("friction", "neck", 0.3),))
+    rows = features(Evidence(BODY, (friction, cubic, stop, clock)))
     gain = column(rows, "gain")
     assert column(rows, "beside rival") == pytest.approx([np.log10(0.3), 0.0, 0.0, np.log10(0.002)])
     shares = [np.log10(0.3) - gain[0], 0.0, 0.0, np.log10(0.002) - gain[3]]
@@ -170,30 +170,44 @@ def test_gains_beside_other_candidates_count() -> None:
     assert column(rows, "rest over gain") == pytest.approx([np.log10(0.002 / 0.4), 0.0, 0.0, np.log10(0.3) - gain[3]])
     body = dict(zip(BODY_NAMES, rows.of_body.tolist(), strict=True))
     assert (body["rest"], body["rest over best"]) == pytest.approx((np.log10(0.002), np.log10(0.002 / 0.4)))
-    without = features(Evidence(BODY, (cubic, stop, tilt)))  # nothing is beside a candidate that is not there
+    without = features(Evidence(BODY, (cubic, stop, clock)))  # nothing is beside a candidate that is not there
     assert column(without, "beside rival")[2] == gain[3] and column(without, "rest")[2] == np.log10(LEAST_GAIN)
 
 
 def test_the_gain_of_a_cause_that_varies_counts_unless_there_is_an_objection() -> None:
-    *others, tilt = EVIDENCE.candidates
+    *others, clock = EVIDENCE.candidates
     assert column(features(EVIDENCE), "gain")[3] == pytest.approx(np.log10(0.01 / 3.0))
-    varying = dataclasses.replace(tilt, varying=((0.1, 0.3), False))
+    varying = dataclasses.replace(clock, varying=((0.1, 0.3), False))
     assert column(features(Evidence(BODY, (*others, varying))), "gain")[3] == pytest.approx(np.log10(0.2))
     alone = dataclasses.replace(varying, tried=None, fit=None)
     rows = features(Evidence(BODY, (*others, alone)))
     assert (column(rows, "not tried")[3], column(rows, "not fitted")[3]) == (0.0, 0.0)
 
 
+def test_what_a_cause_gains_over_time_counts_by_its_variation() -> None:
+    clock = dataclasses.replace(EVIDENCE.candidates[-1], varying=((0.1, 0.3), False))
+    line = dataclasses.replace(clock, effect="periodic", site="neck", varying=((0.2, 2.0), True))
+    rows = features(Evidence(BODY, (*EVIDENCE.candidates[:-1], clock, line)))
+    assert column(rows, "delay varying") == pytest.approx([0.0, 0.0, 0.0, np.log10(0.2) + 3.0, 0.0])
+    assert column(rows, "line varying") == pytest.approx([0.0, 0.0, 0.0, 0.0, np.log10(1.1) + 3.0])
+    assert column(rows, "line least varying") == pytest.approx([0.0, 0.0, 0.0, 0.0, np.log10(0.2) + 3.0])
+    assert column(rows, "line objected") == [0.0, 0.0, 0.0, 0.0, 1.0]
+    assert column(rows, "delay objected") == column(rows, "step varying") == [0.0] * 5
+    body = dict(zip(BODY_NAMES, rows.of_body.tolist(), strict=True))
+    assert body["best varying"] == pytest.approx(np.log10(0.2) + 3.0)
+    assert body["best objected"] == pytest.approx(np.log10(1.1) + 3.0)  # something is there, whatever it is
+
+
 def test_another_site_of_its_mechanism_is_no_rest() -> None:
     friction, *others = EVIDENCE.candidates
-    here = dataclasses.replace(friction, beside=(("hysteresis", "head", 0.2), ("tilt", "head", 0.01)))
+    here = dataclasses.replace(friction, beside=(("hysteresis", "head", 0.2), ("clock", "head", 0.01)))
     there = dataclasses.replace(friction, effect="hysteresis", site="head")
     assert CATALOGUE["hysteresis"].mechanism == CATALOGUE["friction"].mechanism
     assert column(features(Evidence(BODY, (here, there, *others))), "rest")[0] == np.log10(0.01)
 
 
 def test_evidence_is_stored_with_four_digits() -> None:
-    whole = dataclasses.replace(EVIDENCE.candidates[0], general=fit(0.5, 0.5), beside=(("tilt", "head", 0.01),))
+    whole = dataclasses.replace(EVIDENCE.candidates[0], general=fit(0.5, 0.5), beside=(("clock", "head", 0.01),))
     evidence = Evidence(BODY, (whole, *EVIDENCE.candidates[1:]))
     assert Evidence.from_dict(json.loads(json.dumps(evidence.to_dict()))) == evidence
     third = dataclasses.replace(EVIDENCE, body=dataclasses.replace(BODY, drift=1.0 / 3.0))

@@ -131,7 +131,12 @@ GAIN_KNOTS: Final = (-2.5, -2.0, -1.5, -1.0, -0.5, 0.0)
 MARGIN_KNOTS: Final = (-0.5, -0.2, 0.0, 0.2, 0.5)
 RESIDUAL_KNOTS: Final = (-0.3, 0.0, 0.3, 0.6)
 REST_KNOTS: Final = (-1.0, -0.5)
+VARYING_KNOTS: Final = (-2.0, -0.6)
+LEAST_VARYING_KNOTS: Final = (-1.5,)
 """Knots of the piecewise linear bases, in decimal logarithms."""
+
+VARIATIONS: Final = ("delay", "line", "step")
+"""Ways in which a cause varies with time; what one of them gains means something else than with another."""
 
 
 def _of_candidate(one: CandidateEvidence, context: _Context) -> list[float]:
@@ -148,7 +153,9 @@ def _of_candidate(one: CandidateEvidence, context: _Context) -> list[float]:
         *_of_fit(_best_fit(one), body),
         *_of_general(one),
         *_of_beside(one, context, gain),
-        *_of_varying(one.varying),
+        *_of_varying(one),
+        *_of_mechanism(effect.mechanism, context, gain),
+        *_products(one, context, gain, float(np.clip(margin, -1.5, 1.0))),
         float(one.site in body.bracket and effect.place == "joint"),
         _own_coherence(one, body),
         _log(body.tilts.get(one.site, 0.0) / _TYPICAL_TILT, 0.1, 30.0) if effect.seen_by_gyro else 0.0,
@@ -197,11 +204,37 @@ def _of_beside(one: CandidateEvidence, context: _Context, gain: float) -> list[f
     return [max(remains - gain, -2.0), remains, rest - gain, *_above(rest - gain, REST_KNOTS), rest]
 
 
-def _of_varying(varying: tuple[tuple[float, ...], bool] | None) -> list[float]:
-    if varying is None:
-        return [0.0, 0.0, 0.0]
-    gain = _log(float(np.mean(varying[0])), LEAST_GAIN, 10.0)
-    return [gain + 3.0, max(0.0, gain + 0.6), float(varying[1])]
+def _of_varying(one: CandidateEvidence) -> list[float]:
+    """The mean and the least gain of a cause that varies with time, and whether it is objected, by its variation."""
+    found = [0.0] * len(_VARYING_NAMES)
+    if one.varying is None:
+        return found
+    gains, objected = one.varying
+    mean, least = (_log(float(value), LEAST_GAIN, 10.0) for value in (np.mean(gains), min(gains)))
+    values = [
+        mean + 3.0, *_above(mean, VARYING_KNOTS), least + 3.0, *_above(least, LEAST_VARYING_KNOTS), float(objected),
+    ]  # fmt: skip
+    at = VARIATIONS.index(CATALOGUE[one.effect].varies_as) * len(values)
+    found[at : at + len(values)] = values
+    return found
+
+
+def _of_mechanism(mechanism: str, context: _Context, gain: float) -> list[float]:
+    """How far the gain is behind the best of its mechanism, whether it is the best, and the number of candidates."""
+    behind = gain - _log(context.of_mechanisms[mechanism], LEAST_GAIN, 10.0)
+    return [behind, float(behind == 0.0), float(np.log(sum(name == mechanism for name in context.mechanisms.values())))]
+
+
+def _products(one: CandidateEvidence, context: _Context, gain: float, margin: float) -> list[float]:
+    """Products of gain, margin and share beside the best rival with what is known of the body."""
+    body, fit = context.body, _best_fit(one)
+    residual = _log(body.residual_at_unit_scale, 0.1, 30.0)
+    left = _log(fit.residual, 0.1, 10.0) if fit is not None else 0.0
+    beside = max(_log(context.beside_rival(one), LEAST_GAIN, 10.0) - gain, -2.0) if one.fit is not None else 0.0
+    return [
+        gain * residual, margin * residual, beside * residual, gain * left,
+        gain * _log(body.prior_scale, 0.1, 1.0), margin * _log(body.chance[1], LEAST_GAIN, 10.0), margin * (gain + 1.5),
+    ]  # fmt: skip
 
 
 def _own_coherence(one: CandidateEvidence, body: BodyEvidence) -> float:
@@ -229,7 +262,19 @@ def _of_body(evidence: Evidence, context: _Context) -> list[float]:
         _log(body.samples, *SAMPLES),
         float(np.clip(body.level_slope or 0.0, -2.0, 2.0)), _log(body.jump or 1.0, 0.005, 1.0),
         _log(body.drift, 1e-3, 10.0), _log(body.transfer, 1.0, 10.0), float(body.known_effects > 0),
+        *_best_varying(evidence, objected=False), *_best_varying(evidence, objected=True),
     ]  # fmt: skip
+
+
+def _best_varying(evidence: Evidence, objected: bool) -> list[float]:
+    """The largest mean gain of the causes that vary with time, of those with or without an objection."""
+    varying = (one.varying for one in evidence.candidates if one.varying is not None)
+    best = _log(
+        max((float(np.mean(gains)) for gains, is_objected in varying if is_objected == objected), default=0.0),
+        LEAST_GAIN,
+        10.0,
+    )
+    return [best + 3.0, *_above(best, LEAST_VARYING_KNOTS)]
 
 
 def _knots(name: str, count: int) -> list[str]:
@@ -246,14 +291,29 @@ _FIT_NAMES: Final = (
     "typical multiple", "typical multiple at scale", "on bound", "theta on bound", "theta shift",
 )  # fmt: skip
 
+_VARYING_NAMES: Final = tuple(
+    f"{variation} {name}"
+    for variation in VARIATIONS
+    for name in (
+        *_knots("varying", len(VARYING_KNOTS)), *_knots("least varying", len(LEAST_VARYING_KNOTS)), "objected",
+    )
+)  # fmt: skip
+
+_PRODUCT_NAMES: Final = (
+    "gain by residual", "margin by residual", "share beside rival by residual", "gain by residual left",
+    "gain by prior scale", "margin by chance", "margin by gain",
+)  # fmt: skip
+
 CANDIDATE_NAMES: Final = (
     *_knots("gain", len(GAIN_KNOTS)), *_knots("margin", len(MARGIN_KNOTS)), "behind best", "best", "not tried",
     "not fitted", "screened", "absorbed", *_FIT_NAMES, "generalised", "general over textbook", *_BESIDE_NAMES,
-    "varying", "varying above", "varying objected", "in bracket", "coherence", "gyro tilt", "jump",
+    *_VARYING_NAMES, "behind own mechanism", "best of mechanism", "candidates of mechanism", *_PRODUCT_NAMES,
+    "in bracket", "coherence", "gyro tilt", "jump",
 )  # fmt: skip
 
 BODY_NAMES: Final = (
     *_knots("residual", len(RESIDUAL_KNOTS)), "residual at scale", "nuisance", "prior scale",
     *_knots("best gain", len(GAIN_KNOTS)), "best over chance", "chance", "residual left", "lead", "rest",
     "rest over best", "samples", "level slope", "jump", "drift", "transfer", "known effects",
+    *_knots("best varying", len(LEAST_VARYING_KNOTS)), *_knots("best objected", len(LEAST_VARYING_KNOTS)),
 )  # fmt: skip

@@ -24,7 +24,7 @@ from biodyn_core.tracing.evidence import Evidence
 from biodyn_core.tracing.features import BODY_NAMES, CANDIDATE_NAMES, Features, features
 from biodyn_core.tracing.findings import FurtherRecordings, NamedBodies
 
-VERSION: Final = 4
+VERSION: Final = 5
 """Of the learned file: it changes with the features and with its keys."""
 
 NONE: Final = "none"

@@ -12,6 +12,7 @@ import datetime as dt
 import sys
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
 from pathlib import Path
 from typing import Final
 
@@ -56,11 +57,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         pack(options.examples)
     if missing_further:
         recordings.collect(further, options.seed + 1, FURTHER, options.processes, report)
-    _learn([one for one in examples(options.examples) if one.number in wanted], options.seed, report)
+    stored = [one for one in examples(options.examples) if one.number in wanted]
+    with ProcessPoolExecutor(options.processes) as executor:
+        _learn(stored, options.seed, executor, report)
     return 0
 
 
-def _learn(stored: Sequence[Example], seed: int, report: Callable[[str], None]) -> None:
+def _learn(stored: Sequence[Example], seed: int, executor: Executor, report: Callable[[str], None]) -> None:
     """Learn the model from examples, and write it with its page."""
     every = [label for one in stored for label in labelled(one)]
     ideal = [label for one in stored for label in labelled_with_true_law(one)]
@@ -72,10 +75,12 @@ def _learn(stored: Sequence[Example], seed: int, report: Callable[[str], None]) 
         "bodies": traced,
         "bodies that cannot be traced": len(stored) - traced,
     }
-    found = learned(every, ideal, provenance, named_from)
+    of_true_laws = executor.submit(IdealDecision.of, every, ideal)
+    found = executor.submit(learned, every, ideal, provenance, named_from).result()
     report(f"learned from {traced} bodies")
-    unlike = {kind: beyond(every, kind, found.model) for kind in mixture.KINDS}
-    own = IdealDecision.of(every, ideal)
+    left_out = {kind: executor.submit(beyond, every, kind, found.model) for kind in mixture.KINDS}
+    unlike = {kind: future.result() for kind, future in left_out.items()}
+    own = of_true_laws.result()
     more = recordings.answered(recordings.stored(FURTHER), found.model, own)
     further, counts = recordings_lines(more, named_from), recordings.summary(more, named_from)
     MODEL.write_text(learned_text(dataclasses.replace(found.model, further=counts)), encoding="utf-8")
@@ -90,7 +95,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--bodies", type=int, default=BODIES, help=f"number of bodies, default {BODIES}")
     parser.add_argument("--recordings", type=int, default=0, help="bodies with further recordings, default: as stored")
     parser.add_argument("--seed", type=int, default=SEED, help=f"of the drawing, default {SEED}")
-    parser.add_argument("--processes", type=int, default=2, help="that collect evidence, default 2")
+    parser.add_argument("--processes", type=int, default=2, help="that collect evidence and learn, default 2")
     parser.add_argument("--examples", type=Path, default=EXAMPLES, metavar="FILE", help="of the stored evidence")
     return parser
 
