@@ -17,13 +17,14 @@ from test_probability import EVIDENCE, random_model
 from biodyn_core.effects import CATALOGUE
 from biodyn_core.tracing.features import BODY_NAMES, CANDIDATE_NAMES, Features
 from biodyn_core.tracing.findings import NamedBodies
-from biodyn_core.tracing.probability import NONE, OUTSIDE
+from biodyn_core.tracing.probability import NONE, OUTSIDE, learned_from, learned_text, packaged, probabilities
+from blind.tracing.ceiling import decision_with_true_laws
 from blind.tracing.outcome import Cause
 from blind.tracing.reliability import calibration_error
 from blind.training import calibrate, collect, learn
 from blind.training.calibrate import Learned, Prediction
 from blind.training.collect import Example, archive_of, examples, pack
-from blind.training.ideal import IdealDecision
+from blind.training.ideal import UNLIKE, IdealDecision
 from blind.training.learn import EFFECTS, Design, Labelled, _loss, _Scales, chances, labelled, learned_weights
 from blind.training.report import GROUPS, ceiling_lines, group_rows, rendered
 
@@ -229,6 +230,25 @@ def test_the_decision_with_true_laws_does_not_see_what_gives_a_true_law_away() -
     for one, other in zip(without, with_marks, strict=True):
         assert one.answers == other.answers
     assert IdealDecision.of(labels, []).cross_validated() == []
+
+
+def test_the_stored_decision_with_true_laws_answers_like_the_learned_one() -> None:
+    """Though it is asked with all features."""
+    labels = [labelled(example(*causes, number=n))[0] for n, causes in enumerate([(FRICTION,), (CUBIC,), ()] * 12)]
+    own = IdealDecision.of(labels, labels)
+    model = own.model({"bodies": 36}, 0.8)
+    read = learned_from(learned_text(model), "a file")
+    assert (read.provenance, read.named_from, read.ridge) == ({"bodies": 36}, 0.8, own.ridge)
+    (expected,) = own.answers(labels[:1])
+    assert probabilities(EVIDENCE, read).of_answers == pytest.approx(dict(expected.answers), rel=1e-3)
+    assert 0.0 < model.set_threshold == calibrate.set_threshold(own.cross_validated())
+
+
+def test_the_decision_of_ceilings_comes_from_the_training_of_the_package() -> None:
+    stored = decision_with_true_laws()
+    assert (stored.provenance, stored.named_from) == (packaged().provenance, packaged().named_from)
+    unlike = [CANDIDATE_NAMES.index(name) for name in UNLIKE]
+    assert not stored.weights.of_candidates[unlike].any() and packaged().weights.of_candidates[unlike].any()
 
 
 def test_named_bodies_are_counted_around_their_ratio() -> None:

@@ -82,7 +82,8 @@ def test_the_ceiling_is_the_decision_with_the_true_law(monkeypatch: pytest.Monke
     cause, records = Cause("asymmetry", "pelvis", ""), [record(hiding.one_sided), record(hiding.plain)]
     before, without_effect = hiding.fitted(law=hiding.one_sided), hiding.fitted()
     found = ceiling_module.ceiling(records[0], before, cause, records[1], without_effect)
-    without = probabilities(search().evidence(TraceSettings(), search().diagnostics(TraceSettings())))
+    evidence = search().evidence(TraceSettings(), search().diagnostics(TraceSettings()))
+    without = probabilities(evidence, ceiling_module.decision_with_true_laws())
     assert found is not None
     assert found.of(("asymmetry", "pelvis")) > without.of(("asymmetry", "pelvis"))
     assert next(iter(found.of_answers)) == "nonlinear_stiffness"

@@ -23,6 +23,7 @@ from biodyn_core.tracing import probability
 from biodyn_core.tracing.probability import learned_text
 from biodyn_core.tracing.settings import TraceSettings
 from blind.tracing.__main__ import ROOT, commit
+from blind.tracing.ceiling import LEARNED
 from blind.training import recordings
 from blind.training.calibrate import beyond, learned
 from blind.training.collect import Example, collect, examples, pack
@@ -84,10 +85,11 @@ def _learn(stored: Sequence[Example], seed: int, executor: Executor, report: Cal
     more = recordings.answered(recordings.stored(FURTHER), found.model, own)
     further, counts = recordings_lines(more, named_from), recordings.summary(more, named_from)
     MODEL.write_text(learned_text(dataclasses.replace(found.model, further=counts)), encoding="utf-8")
+    LEARNED.write_text(learned_text(own.model(provenance, named_from)), encoding="utf-8")
     ceilings = ceiling_lines(found.found, [found.ceiling, own.cross_validated()], named_from)
     page = rendered(found, named_from, [*ceilings, *background_lines(unlike, named_from), *further])
     PAGE.write_text(page, encoding="utf-8")
-    report(f"wrote {MODEL.relative_to(ROOT)} and {PAGE.relative_to(ROOT)}")
+    report(f"wrote {', '.join(str(one.relative_to(ROOT)) for one in (MODEL, LEARNED, PAGE))}")
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -6,10 +6,10 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 from biodyn_core.tracing.features import CANDIDATE_NAMES
-from biodyn_core.tracing.probability import Weights
+from biodyn_core.tracing.probability import LearnedModel, Weights
 from blind.training.calibrate import (
     Folds,
     Prediction,
@@ -17,7 +17,9 @@ from blind.training.calibrate import (
     chosen_ridge,
     cross_weights,
     every_fold,
+    named_bodies,
     predictions,
+    set_threshold,
     temperature_of,
 )
 from blind.training.learn import Design, Labelled, learned_weights
@@ -57,8 +59,22 @@ class IdealDecision:
 
     def cross_validated(self) -> list[Prediction]:
         """The answers to the bodies with their true law, each by weights that saw none of its forms."""
-        found = predictions(self.examples, self.folds, self.temperature)
-        return [one for one in found if one.labelled.weight == 1.0 and one.labelled.number in self.numbers]
+        return [one for one in self._predictions() if one.labelled.number in self.numbers]
+
+    def model(self, provenance: Mapping[str, Any], named_from: float) -> LearnedModel:
+        """The decision with its calibration on all bodies in cross-validation.
+
+        The weights of `UNLIKE` are zero, so it can be asked with all features.
+        """
+        found = self._predictions()
+        named = named_bodies(found, named_from)
+        return LearnedModel(
+            self._weights, self.temperature, set_threshold(found), named_from, named, self.ridge, dict(provenance)
+        )
+
+    def _predictions(self) -> list[Prediction]:
+        every = predictions(self.examples, self.folds, self.temperature)
+        return [one for one in every if one.labelled.weight == 1.0]
 
     def answers(self, others: Sequence[Labelled]) -> list[Prediction]:
         """The answers to bodies that it was not learned from."""

@@ -221,9 +221,10 @@ def ceiling_lines(
         rows.append(cells(_span(low, high), str(len(mine)), *named, *right))
     words = (
         "The ceiling: the same models answer the same bodies, those with one effect of the catalogue and a background,"
-        " as if the catalogue had the true law. It predicts exactly what the effect changes. The third figure is of"
-        " models that were learned with true laws too, without the features in which a true law is unlike a fit. What"
-        " they miss, better laws alone would not name."
+        " as if the catalogue had the true law. It predicts exactly what the effect changes, which no fit does: models"
+        " that were learned from fits may name it less often. The third figure is of models that were learned with true"
+        " laws too, without the features in which a true law is unlike a fit. What they miss, better laws alone would"
+        " not name."
     )
     head = ("ratio", "bodies", *_beside_true_law("right cause named", "most probable answer right"))
     return ["## The true law in the catalogue", "", words, "", *table(head, rows), ""]
