@@ -54,8 +54,8 @@ class Answer:
     """The trace of a record.
 
     before, after: theta (15,); applied: the effects of the subject after, as in a subject file. Errors are means over
-    the held-out events, whose names are `unseen`, percent; None without any. probabilities: of each mechanism, `none`
-    and `outside` in the first round, the largest first; likely: the 90 % set.
+    the held-out events, whose names are `unseen`, percent; None without any. seconds: of processor time.
+    probabilities: of each mechanism, `none` and `outside` in the first round, the largest first; likely: the 90 % set.
     """
 
     row: str

@@ -162,7 +162,7 @@ BY_PROBABILITY: Final = (*NOTHING_HIDDEN, "sensor_noise", *WITH_BACKGROUND, "out
 SURE: Final = 0.8
 MEDIAN_S: Final = 60.0
 LONG_S: Final = 180.0
-"""Limits of the duration of a trace."""
+"""Limits of the time of a trace: of its duration on two cores, and here of its processor time, which is more."""
 
 NO_CAUSE: Final = (
     Rule("a single cause named", attrgetter("single"), 0.05, "<="),
@@ -225,8 +225,8 @@ CONDITIONS: Final = (
     Condition(
         "speed", tuple(one.name for one in DRAWINGS), 400,
         (
-            Rule("seconds of a trace, median", attrgetter("answer.seconds"), MEDIAN_S, "<=", "median"),
-            Rule(f"traces below {LONG_S:g} s", _is_quick, 0.95, ">="),
+            Rule("processor seconds of a trace, median", attrgetter("answer.seconds"), MEDIAN_S, "<=", "median"),
+            Rule(f"traces below {LONG_S:g} s of processor time", _is_quick, 0.95, ">="),
         ),
     ),
 )  # fmt: skip

@@ -171,7 +171,7 @@ def confusion_lines(outcomes: Sequence[Outcome]) -> list[str]:
 
 
 def speed_lines(outcomes: Sequence[Outcome]) -> list[str]:
-    """How long a trace takes; nothing without records."""
+    """How much processor time a trace takes; nothing without records."""
     names = {one.name for one in DRAWINGS}
     seconds = [one.answer.seconds for one in outcomes if one.answer.row in names]
     if not seconds:
@@ -180,9 +180,9 @@ def speed_lines(outcomes: Sequence[Outcome]) -> list[str]:
     words = (
         f"{len(seconds)} traces, also those without a verdict: median {median:.1f} s, 95th percentile {late:.1f} s,"
         f" longest {max(seconds):.1f} s. Required are a median of at most {MEDIAN_S:g} s, and 95 % below {LONG_S:g} s."
-        " This is the wall time of one trace by the package on the machine above, with the loading of kernels in the"
-        " first one of each process, and without the simulation of the record. Two records are traced at a time, each"
-        " on one core; `biodyn trace` distributes one trace over all cores."
+        " This is the processor time of one trace by the package on the machine above, with the loading of kernels in"
+        " the first one of each process, and without the simulation of the record. On one idle core it is the duration;"
+        " `biodyn trace` distributes one trace over all cores, and takes less."
     )
     return ["## Speed", "", words, ""]
 
