@@ -38,20 +38,26 @@ unexport PYTHONDONTWRITEBYTECODE
 # These three send pip's files elsewhere than into the environment.
 unexport PIP_USER PIP_TARGET PIP_PREFIX
 
-.PHONY: demo test lint bench conformance blind train faults soak clean
+.PHONY: demo test lint rewritten bench conformance blind train faults soak clean
 .DEFAULT_GOAL := test
 
 demo: $(INSTALLED)
 	@exec $(IN_ENVIRONMENT) biodyn demo
 
 # glibc keeps freed memory: to return it and get it again took nearly half of the time in the system.
-test: lint
+test: $(INSTALLED)
+	@$(MAKE) --no-print-directory --jobs=2 lint rewritten
 	@MALLOC_MMAP_THRESHOLD_=1073741824 MALLOC_TRIM_THRESHOLD_=1073741824 MALLOC_TOP_PAD_=67108864 \
 	    exec $(IN_ENVIRONMENT) python -m pytest --numprocesses=$(WORKERS) --dist=loadfile $(ARGS)
 
 lint: $(INSTALLED)
 	@$(BIN)/python -m ruff check .
 	@$(BIN)/python -m mypy
+
+# pytest rewrites the assertions of test files and keeps their bytecode. One process does so beside lint; without it each
+# worker would do all of it. An error is reported by the run itself.
+rewritten: $(INSTALLED)
+	@[ -d test/__pycache__ ] || $(IN_ENVIRONMENT) python -m pytest --collect-only -qq >/dev/null 2>&1 || true
 
 bench: $(INSTALLED)
 	@exec $(IN_ENVIRONMENT) python -m bench $(ARGS)
@@ -77,7 +83,10 @@ clean:
 
 # wheel comes first: without it an older pip warns of EmPy, which a newcomer can do nothing about.
 $(INSTALLED): setup.py setup.cfg pyproject.toml package.xml
-	@chosen=; \
+	@if [ -L "$(VENV)" ]; then \
+	    echo "biodyn: $(VENV) is a link, and what it names would be deleted: remove the link, or use VENV=..." >&2; exit 1; \
+	fi; \
+	chosen=; \
 	for candidate in $(CANDIDATES); do \
 	    if "$$candidate" -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] < (3, 14))' 2>/dev/null; \
 	    then chosen=$$candidate; break; fi; \

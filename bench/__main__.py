@@ -14,7 +14,7 @@ import numpy as np
 from bench.machine import machine
 from bench.table import render
 
-NAMES = ("start", "ode", "effects", "bag", "replay", "sessions", "live", "fit")
+NAMES = ("start", "ode", "effects", "bag", "replay", "sessions", "live", "fit", "trace")
 
 
 def main(arguments: list[str]) -> int:
