@@ -52,6 +52,7 @@ from biodyn_ros.subject.uses import used_events
 from biodyn_ros.trace.tracing import TraceOptions
 from biodyn_ros.work.executors import executor_of
 
+CLUSTER_WORKERS = 1
 SUBJECT = load_subject(subject_file("subject_1"))
 UNKNOWN = dataclasses.replace(SUBJECT, name="anna", parameters=UNFITTED)
 QUICK = FitSettings(swarm=SwarmSettings(particles=10, iterations=10, starts=1), refined_starts=1, evaluations=20)
