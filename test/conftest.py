@@ -73,11 +73,15 @@ def no_rest(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="module")
-def cluster() -> Iterator[str]:
-    """The address of a Dask cluster with two workers on this machine."""
+def cluster(request: pytest.FixtureRequest) -> Iterator[str]:
+    """The address of a Dask cluster on this machine with two workers, or as many as the module says."""
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, host="127.0.0.1", protocol="tcp", dashboard_address=":0"
+        n_workers=getattr(request.module, "CLUSTER_WORKERS", 2),
+        threads_per_worker=1,
+        host="127.0.0.1",
+        protocol="tcp",
+        dashboard_address=":0",
     ) as local:
         yield local.scheduler_address
 

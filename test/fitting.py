@@ -66,12 +66,15 @@ def ready(seat: Floats, accel: Floats, case: str = "road") -> Case:
 def true_recordings(seconds: float = 4.0) -> dict[MassMatrix, tuple[Recording, ...]]:
     """Road, pothole and rail of `drawn(1, "segment")` and `drawn(2, "cascade")`, without noise."""
     bodies = [(theta_of(s), s.body_mass_kg, s.mass_matrix) for s in true_subjects().values()]
-    found: dict[MassMatrix, list[Recording]] = {name: [] for name in MASS_MATRICES}
-    for number, case in enumerate(("road", "pothole", "rail")):
-        seat = seat_motion(case, seconds, number)
-        for name, accel in zip(MASS_MATRICES, naive.chain_responses(bodies, seat, RATE_HZ, rtol=1e-9), strict=True):
-            found[name].append(recording(seat, accel, case))
-    return {name: tuple(recordings) for name, recordings in found.items()}
+    cases = ("road", "pothole", "rail")
+    seats = [seat_motion(case, seconds, number) for number, case in enumerate(cases)]
+    each = naive.chain_responses(
+        [body for body in bodies for _ in cases], np.array(seats * len(bodies)), RATE_HZ, rtol=1e-9
+    )
+    made = [
+        recording(seat, accel, case) for seat, accel, case in zip(seats * len(bodies), each, cases * 2, strict=True)
+    ]
+    return {name: tuple(made[3 * number : 3 * number + 3]) for number, name in enumerate(MASS_MATRICES)}
 
 
 def true_subjects() -> dict[MassMatrix, Subject]:

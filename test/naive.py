@@ -46,9 +46,13 @@ def _stacked(bodies):
 
 
 def chain_responses(bodies, seat_mps2, rate_hz, rtol=1e-12):
-    """Absolute accelerations (bodies, n, 6) by DOP853, restarted at every sample since the seat's slope jumps there."""
+    """Absolute accelerations (bodies, n, 6) by DOP853, restarted at every sample since the seat's slope jumps there.
+
+    seat_mps2: the seat of all bodies (n,), or one for each of them (bodies, n).
+    """
     M, C, K, k, alpha = _stacked(bodies)
     inverse, weight, stiffening, count = np.linalg.inv(M), M @ np.ones(6), k * alpha, len(bodies)
+    seats = np.broadcast_to(seat_mps2, (count, np.shape(seat_mps2)[-1]))[:, :, None]
 
     def relative_acceleration(x, v, seat):
         stretch = x @ STRETCH.T
@@ -56,11 +60,11 @@ def chain_responses(bodies, seat_mps2, rate_hz, rtol=1e-12):
         load = weight * seat + (C @ v[..., None] + K @ x[..., None])[..., 0] + nonlinear
         return -(inverse @ load[..., None])[..., 0]
 
-    out = np.zeros((count, len(seat_mps2), 6))
+    out = np.zeros((count, seats.shape[1], 6))
     state = np.zeros((count, 2, 6))
     step = 1.0 / rate_hz
-    for n in range(1, len(seat_mps2)):
-        before, now = seat_mps2[n - 1], seat_mps2[n]
+    for n in range(1, seats.shape[1]):
+        before, now = seats[:, n - 1], seats[:, n]
 
         def slope(t, y, before=before, now=now):
             x, v = y.reshape(count, 2, 6).swapaxes(0, 1)
@@ -79,6 +83,17 @@ def integrated(slope, start, seconds, rtol, atol):
         solver.step()
     assert solver.status == "finished"
     return solver.y
+
+
+def stepped(slope, y, seconds, count):
+    """The state `seconds` after a start, by `count` steps of the classical Runge-Kutta method."""
+    h = seconds / count
+    for t in h * np.arange(count):
+        k1 = slope(t, y)
+        k2 = slope(t + 0.5 * h, y + 0.5 * h * k1)
+        k3 = slope(t + 0.5 * h, y + 0.5 * h * k2)
+        y = y + h / 6.0 * (k1 + 2.0 * (k2 + k3) + slope(t + h, y + h * k3))
+    return y
 
 
 def chain_response(theta, body_mass_kg, mass_matrix, seat_mps2, rate_hz):

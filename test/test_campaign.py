@@ -36,10 +36,10 @@ from biodyn_ros.simulate import motion_of_cases, simulate_bag
 from biodyn_ros.work.executors import executor_of
 
 QUICK = FitOptions(
-    settings=FitSettings(swarm=SwarmSettings(particles=10, iterations=10, starts=2), evaluations=40, refined_starts=1)
+    settings=FitSettings(swarm=SwarmSettings(particles=10, iterations=5, starts=1), evaluations=15, refined_starts=1)
 )
 QUICKLY = [
-    "--particles", "10", "--iterations", "10", "--starts", "2", "--evaluations", "40", "--refined-starts", "1",
+    "--particles", "10", "--iterations", "5", "--starts", "1", "--evaluations", "15", "--refined-starts", "1",
     "--no-report",
 ]  # fmt: skip
 PEOPLE = ("anna", "ben", "carl")
@@ -200,6 +200,7 @@ def test_a_campaign_fits_each_subject_as_if_it_were_alone(field: Path, tmp_path:
     assert len(lines) == 4 and [line.split()[:2] for line in lines[1:]] == [[name, "done"] for name in PEOPLE]
 
 
+@pytest.mark.slow  # other processes, and a cluster, run the same calls in test_subject_steps and below
 def test_a_campaign_runs_on_a_cluster(field: Path, tmp_path: Path, alone, cluster: str) -> None:
     with executor_of(cluster) as executor:
         fit_campaign(load_campaign(field / "campaign.yaml"), tmp_path, QUICK, executor)

@@ -27,6 +27,7 @@ from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import FitSettings
 from biodyn_core.pipeline.intervals import prediction_spread
+from biodyn_ros.base.topics import INPUT
 from biodyn_ros.commands.cli import main
 from biodyn_ros.fit.document import fit_document, fitted_subject, provenance
 from biodyn_ros.fit.fitting import FitOptions, check_output, choose, fit_bags, parse_cases, write_fitted
@@ -36,9 +37,9 @@ from biodyn_ros.reading.events import BagEvent
 from biodyn_ros.reading.provenance import Source, bag_sha256, role_of, source_of
 
 SUBJECT = subject()
-QUICK = FitSettings(swarm=SwarmSettings(particles=30, iterations=60, starts=2), refined_starts=2, evaluations=200)
+QUICK = FitSettings(swarm=SwarmSettings(particles=20, iterations=30, starts=2), refined_starts=1, evaluations=200)
 SMALL = [
-    "--particles", "30", "--iterations", "60", "--starts", "2", "--refined-starts", "2", "--evaluations", "200",
+    "--particles", "10", "--iterations", "10", "--starts", "1", "--refined-starts", "1", "--evaluations", "40",
     "--no-report",
 ]  # fmt: skip
 
@@ -271,9 +272,7 @@ def only(bag: Path, copy: Path, sensors: tuple[str, ...]) -> Path:
         writer = Writer(target)
         writer.start()
         channels: dict[str, int] = {}
-        for schema, channel, message in make_reader(source).iter_messages():
-            if channel.topic.split("/")[-2] not in sensors:
-                continue
+        for schema, channel, message in make_reader(source).iter_messages([INPUT[sensor] for sensor in sensors]):
             if channel.topic not in channels:
                 of = writer.register_schema(schema.name, schema.encoding, schema.data)
                 channels[channel.topic] = writer.register_channel(channel.topic, channel.message_encoding, of)
@@ -298,7 +297,7 @@ def test_the_command_fits_a_subject_without_parameters(
 
 
 def test_settings_of_the_paper_are_an_option(bags: dict[str, Path], tmp_path: Path) -> None:
-    small = ["--particles", "30", "--iterations", "60", "--evaluations", "200", "--executor", "none", "--no-report"]
+    small = ["--particles", "30", "--iterations", "10", "--evaluations", "40", "--executor", "none", "--no-report"]
     command = ["fit", str(bags["rail_1"]), "--subject", "subject_1", "--paper", "-o", str(tmp_path / "p.yaml"), *small]
     assert main(command) == 0
     document = json.loads((tmp_path / "p.fit.json").read_text())

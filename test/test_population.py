@@ -249,7 +249,7 @@ def test_the_page_has_the_spread_of_people_and_not_the_slope_at_the_mean() -> No
 def test_people_of_the_population_have_the_spread_of_the_group() -> None:
     """Mean within one standard deviation nearly everywhere, the spread within a factor of 2.2, from 1 Hz on."""
     drawn = [
-        curves(person_of(theta), MAGNITUDE_MPS2) for theta in population().at_rest.draw(np.random.default_rng(3), 60)
+        curves(person_of(theta), MAGNITUDE_MPS2) for theta in population().at_rest.draw(np.random.default_rng(3), 30)
     ]
     band = references().apparent_mass.band(drawn[0].frequency_hz)
     modulus, from_1_hz = np.abs([one.apparent_mass for one in drawn]), band.frequency_hz >= 1.0

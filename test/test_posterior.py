@@ -38,10 +38,10 @@ from biodyn_core.population.distribution import SPREAD, Distribution, places_of,
 from biodyn_core.population.population import new_subject, population
 from biodyn_ros.commands.cli import main
 
-QUICK = FitSettings(swarm=SwarmSettings(particles=30, iterations=60, starts=2), refined_starts=2, evaluations=600)
+QUICK = FitSettings(swarm=SwarmSettings(particles=20, iterations=30, starts=2), refined_starts=1, evaluations=400)
 SMALL = [
     "--particles", "12", "--iterations", "10", "--starts", "1", "--refined-starts", "1", "--evaluations", "60",
-    "--no-report",
+    "--no-report", "--executor", "none",
 ]  # fmt: skip
 GIVEN = Subject("anna", 70.0, 1.75, "segment", UNFITTED)
 PRIOR = population().without_softening
@@ -51,15 +51,15 @@ NOISE_MPS2 = 0.02
 
 @cache
 def people() -> tuple[Subject, ...]:
-    """Three people of the population."""
-    drawn = PRIOR.draw(np.random.default_rng(2), 3)
+    """Two people of the population."""
+    drawn = PRIOR.draw(np.random.default_rng(2), 2)
     drawn[:, STIFFENING] = 0.3
     return tuple(Subject("drawn", 70.0, 1.75, "segment", Parameters.from_vector(theta)) for theta in drawn)
 
 
 @cache
 def recorded(case: str, seconds: float) -> tuple[Case, ...]:
-    """The same motion of all three, integrated by DOP853 from full matrices, with white noise in every sensor."""
+    """The same motion of both, integrated by DOP853 from full matrices, with white noise in every sensor."""
     seat, rng = fitting.seat_motion(case, seconds, 5), np.random.default_rng(6)
     bodies = [(fitting.theta_of(one), one.body_mass_kg, one.mass_matrix) for one in people()]
     answers = naive.chain_responses(bodies, seat, fitting.RATE_HZ, rtol=1e-8)
@@ -190,7 +190,7 @@ def test_the_variance_of_the_prior_alone_is_that_of_its_residuals(place: float) 
 
 
 def test_parameters_that_the_data_leave_open_have_the_spread_of_the_prior_and_are_called_so() -> None:
-    alone, found, case = fits_of_the_head(2)
+    alone, found, case = fits_of_the_head(1)
     estimates = uncertainty(found, [case]).estimates
     open_ones = [one for one in estimates if one.identifiability == "from the prior"]
     assert len(open_ones) >= 4 and not any(

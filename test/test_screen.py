@@ -27,7 +27,7 @@ def of_names(names: tuple[str, ...]) -> list[Candidate]:
 
 @cache
 def screening(change=hiding.nothing, law=hiding.plain) -> Screening:
-    return screen(hiding.nuisance(change, law), of_names(FEW), 200, 0)
+    return screen(hiding.nuisance(change, law), of_names(FEW), 60, 0)
 
 
 @pytest.mark.parametrize(
@@ -127,8 +127,8 @@ def drawn(events: EventSet, rng: np.random.Generator) -> EventSet:
 
 
 def test_p_values_are_uniform_without_a_hidden_effect() -> None:
-    """Every gain and clock of five sensors, without a hidden effect."""
-    rng, nuisance, tried = np.random.default_rng(8), hiding.nuisance(), of_names(("gain", "clock"))
+    """Every gain of five sensors, without a hidden effect."""
+    rng, nuisance, tried = np.random.default_rng(8), hiding.nuisance(), of_names(("gain",))
     p_values = []
     for number in range(40):
         event_sets = {name: drawn(getattr(nuisance, name), rng) for name in ("train", "choose")}

@@ -10,6 +10,7 @@ import shutil
 import signal
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -30,6 +31,7 @@ from biodyn_ros.base.progress import silent
 from biodyn_ros.base.resources import subject_file
 from biodyn_ros.commands.cli import main
 from biodyn_ros.events.finding import find_events
+from biodyn_ros.fit import fitting
 from biodyn_ros.fit.fitting import FitOptions
 from biodyn_ros.fit.report import Report
 from biodyn_ros.fit.summary import FitSummary, summary_of
@@ -37,6 +39,7 @@ from biodyn_ros.reading.events_file import write_events
 from biodyn_ros.reading.parts import BagPart
 from biodyn_ros.reading.provenance import role_of, source_of
 from biodyn_ros.reports.verdict import Verdict
+from biodyn_ros.subject import making
 from biodyn_ros.subject.making import Helpers, MadeSubject, SubjectOptions, make_subject
 from biodyn_ros.subject.page import subject_page, write_page
 from biodyn_ros.subject.page import verdict_of as subject_verdict
@@ -49,6 +52,7 @@ from biodyn_ros.subject.uses import used_events
 from biodyn_ros.trace.tracing import TraceOptions
 from biodyn_ros.work.executors import executor_of
 
+CLUSTER_WORKERS = 1
 SUBJECT = load_subject(subject_file("subject_1"))
 UNKNOWN = dataclasses.replace(SUBJECT, name="anna", parameters=UNFITTED)
 QUICK = FitSettings(swarm=SwarmSettings(particles=10, iterations=10, starts=1), refined_starts=1, evaluations=20)
@@ -73,9 +77,64 @@ def make(
 
 
 @pytest.fixture(scope="module")
-def made(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> MadeSubject:
-    with empty_drawings():
+def reports() -> list[Report]:
+    """The report of the fit of `made`."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def made(bag: Path, tmp_path_factory: pytest.TempPathFactory, reports: list[Report]) -> MadeSubject:
+    def fit_bags(*given: Any) -> Report:
+        reports.append(fitting.fit_bags(*given))
+        return reports[-1]
+
+    with empty_drawings(), pytest.MonkeyPatch.context() as patched:
+        patched.setattr(making, "fit_bags", fit_bags)
         return make(bag, tmp_path_factory.mktemp("made"), options=dataclasses.replace(OPTIONS, report=True))[0]
+
+
+def copied(made: MadeSubject, name: str) -> Path:
+    """A copy of its directory, from where the bag has the same relative path."""
+    return Path(shutil.copytree(made.directory, made.directory.with_name(name)))
+
+
+def refuse_steps(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+    """These steps fail, and take no time."""
+
+    def refuse(*_: object) -> None:
+        raise InputError("not here")
+
+    for name in names:
+        monkeypatch.setattr(making, name, refuse)
+
+
+@dataclasses.dataclass(frozen=True)
+class Roads:
+    """Three roads: one to fit, one to choose, one to report and to validate on; made after an interruption."""
+
+    bag: Path
+    directory: Path
+    interrupted: list[str]
+    made: MadeSubject
+    lines: list[str]
+
+
+ROADS = dataclasses.replace(OPTIONS, session=dataclasses.replace(OPTIONS.session, allowed=("one-condition",)))
+
+
+@pytest.fixture(scope="module")
+def roads(tmp_path_factory: pytest.TempPathFactory) -> Roads:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    place = tmp_path_factory.mktemp("roads")
+    bag, directory = session_bag(place / "roads.mcap", cases=("road", "road", "road")), place / "made"
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(making, "fit_bags", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            make(bag, directory, options=ROADS)
+    before = [step["name"] for step in json.loads((directory / "subject.json").read_text())["steps"]]
+    return Roads(bag, directory, before, *make(bag, directory, options=ROADS))
 
 
 # --- one subject -----------------------------------------------------------------------------------------------------
@@ -122,57 +181,44 @@ def test_the_page_has_no_link_to_the_files_of_a_step_that_failed(made: MadeSubje
     assert "trace/trace" not in page and "fitted.fit.html" in page
 
 
-def test_steps_are_used_again_while_they_fit(made: MadeSubject, bag: Path) -> None:
-    directory = made.directory.with_name("again")  # from where the bag has the same relative path
-    shutil.copytree(made.directory, directory)
+def test_steps_are_used_again_while_they_fit(made: MadeSubject, bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    directory = copied(made, "again")
     again, lines = make(bag, directory)
     assert lines == [f"{name}: done, used again" for name in ("events", "fit", "validate", "trace")]
     assert_listed("subject", document_of(again))
+    refuse_steps(monkeypatch, "fit_bags", "validate", "trace_bags")  # those that are not used again
+    tried = ["events: done, used again", "fit: failed, not here"]
     (directory / "fitted.yaml").unlink()
-    _, lines = make(bag, directory)
-    assert lines[0] == "events: done, used again" and lines[1].startswith("fit: done,") and "again" not in lines[1]
+    assert make(bag, directory)[1][:2] == tried
+    shutil.copy(made.directory / "fitted.yaml", directory)
+    assert make(bag, directory)[1][1:] == [f"{name}: done, used again" for name in ("fit", "validate", "trace")]
     # An event that was deleted by hand is not used, and what depends on it is done again.
     document = yaml.safe_load((directory / "events.yaml").read_text())
     gone = document["events"].pop(0)["name"]
     (directory / "events.yaml").write_text(yaml.safe_dump(document))
     edited, lines = make(bag, directory)
-    assert lines[0] == "events: done, used again" and "again" not in lines[1]
+    assert lines[:2] == tried and not any("used again" in line for line in lines[2:])
     assert edited.used is not None and gone not in {part.name for part in (*edited.used.fit, *edited.used.held_out)}
 
 
-def test_an_interrupted_run_continues(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three roads: one to fit, one to choose, one to report and to validate on."""
-    bag = session_bag(tmp_path / "roads.mcap", cases=("road", "road", "road"))
-
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("biodyn_ros.subject.making.fit_bags", interrupted)
-    session = dataclasses.replace(OPTIONS.session, allowed=("one-condition",))
-    options = dataclasses.replace(OPTIONS, session=session)
+def test_an_interrupted_run_continues(roads: Roads, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--allow one-condition"):
-        make(bag, tmp_path / "refused")
-    with pytest.raises(KeyboardInterrupt):
-        make(bag, tmp_path, options=options)
-    assert [step["name"] for step in json.loads((tmp_path / "subject.json").read_text())["steps"]] == ["events"]
-    monkeypatch.undo()
-    found, lines = make(bag, tmp_path, options=options)
+        make(roads.bag, tmp_path / "refused")
+    found, lines = roads.made, roads.lines
+    assert roads.interrupted == ["events"]
     assert lines[0] == "events: done, used again" and lines[1].startswith("fit: done")
     (event,) = found.steps["validate"].facts["events"]
     assert found.used is not None and event["name"] == found.used.report[0].name and event["mean_percent"] > 0.0
-    assert (tmp_path / "validate" / event["name"] / "validate.json").exists()
+    assert (roads.directory / "validate" / event["name"] / "validate.json").exists()
     text = subject_text(found)
     assert "3 events in " in text and "1 event that nothing was fitted to" in text
     with empty_drawings():
         assert event["name"] in Page(subject_page(found)).text
 
 
-def test_uses_that_the_trace_has_changed_are_stated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_uses_that_the_trace_has_changed_are_stated(roads: Roads, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the event for choosing, the trace chooses by the one that was dealt to report."""
-    bag = session_bag(tmp_path / "roads.mcap", cases=("road", "road", "road"))
-    session = dataclasses.replace(OPTIONS.session, allowed=("one-condition",))
-    options = dataclasses.replace(OPTIONS, session=session)
-    found, _ = make(bag, tmp_path, options=options)
+    found, directory = roads.made, copied(roads.made, "changed")
     assert found.used is not None
     uses = dict(found.used.uses)
     assert sorted(uses.values()) == ["choose", "fit", "report"] and found.steps["trace"].facts["uses"] == uses
@@ -184,54 +230,59 @@ def test_uses_that_the_trace_has_changed_are_stated(tmp_path: Path, monkeypatch:
         return list(train), list(held_out)[1:], ["a sensor failed"]
 
     monkeypatch.setattr("biodyn_core.tracing.data_checks.usable", without_first)
-    (tmp_path / "trace" / "trace.json").unlink()
-    changed, _ = make(bag, tmp_path, options=options)
+    (directory / "trace" / "trace.json").unlink()
+    changed, lines = make(roads.bag, directory, options=ROADS)
+    assert lines[:3] == [f"{name}: done, used again" for name in ("events", "fit", "validate")]
     choose, report = (next(event for event, use in uses.items() if use == one) for one in ("choose", "report"))
     assert changed.steps["trace"].facts["uses"] == {**{e: u for e, u in uses.items() if u == "fit"}, report: "choose"}
     assert "; 2 events not used as dealt" in subject_text(changed)
     with empty_drawings():
         write_page(changed, report=True)
-    text = Page((tmp_path / "index.html").read_text()).text
+    text = Page((directory / "index.html").read_text()).text
     assert "report (in the trace: choose)" in text and "choose (in the trace: not used)" in text and choose in text
 
 
-def test_a_step_that_fails_has_its_reason_and_the_rest_goes_on(bag: Path, tmp_path: Path) -> None:
+def test_a_step_that_fails_has_its_reason_and_the_rest_goes_on(made: MadeSubject, bag: Path) -> None:
     """The fit has a profile of no parameter; the trace has the given subject."""
+    directory = copied(made, "refused")
     refused = dataclasses.replace(OPTIONS.fit, profiles=("nothing",))
-    found, _ = make(bag, tmp_path, options=dataclasses.replace(OPTIONS, fit=refused))
+    found, lines = make(bag, directory, options=dataclasses.replace(OPTIONS, fit=refused))
+    assert not any("used again" in line for line in lines[1:])
     states = {step.name: step.state for step in found.steps.values()}
     assert states == {"events": "done", "fit": "failed", "validate": "skipped", "trace": "done"}
     assert "'nothing' is not a fitted parameter" in found.steps["fit"].reason
-    assert not (tmp_path / "subject.yaml").exists()
+    assert not (directory / "subject.yaml").exists()
     with empty_drawings():
         write_page(found, report=True)
-    text = Page((tmp_path / "index.html").read_text()).text
+    text = Page((directory / "index.html").read_text()).text
     assert "There is no resulting subject" in text and "without a fit there is nothing to validate" in text
 
 
 def test_a_fit_that_diverges_in_an_event_has_no_mean_error(
-    bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    made: MadeSubject, reports: list[Report], bag: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def diverging(report: Report) -> FitSummary:
         return dataclasses.replace(summary_of(report), held_out=(3.0, math.inf))
 
-    def refuse(*_: object) -> None:
-        raise InputError("not here")
-
-    monkeypatch.setattr("biodyn_ros.subject.making.summary_of", diverging)
-    for name in ("validate", "trace_bags"):
-        monkeypatch.setattr(f"biodyn_ros.subject.making.{name}", refuse)
-    made, lines = make(bag, tmp_path / "made")
-    assert made.steps["fit"].state == "done" and any(line.startswith("fit: done") for line in lines)
-    steps = {step["name"]: step for step in json.loads((tmp_path / "made" / "subject.json").read_text())["steps"]}
+    directory = copied(made, "diverging")
+    (directory / "fitted.yaml").unlink()
+    monkeypatch.setattr(making, "fit_bags", lambda *_: reports[0])
+    monkeypatch.setattr(making, "summary_of", diverging)
+    refuse_steps(monkeypatch, "validate", "trace_bags")
+    found, lines = make(bag, directory)
+    assert found.steps["fit"].state == "done" and not found.steps["fit"].again
+    assert any(line.startswith("fit: done") for line in lines)
+    steps = {step["name"]: step for step in json.loads((directory / "subject.json").read_text())["steps"]}
     assert steps["fit"]["facts"]["held_out_percent"] is None and steps["fit"]["facts"]["fitted_percent"] > 0.0
     assert steps["fit"]["facts"]["unstable_events"] == 1
 
 
-def test_an_edited_table_of_conditions_is_read_again(bag: Path, tmp_path: Path) -> None:
+def test_an_edited_table_of_conditions_is_read_again(
+    bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refuse_steps(monkeypatch, "fit_bags", "trace_bags")
     table = tmp_path / "cases.csv"
-    named = dataclasses.replace(OPTIONS.session, cases=str(table))
-    options = dataclasses.replace(OPTIONS, session=named, fit=dataclasses.replace(OPTIONS.fit, profiles=("nothing",)))
+    options = dataclasses.replace(OPTIONS, session=dataclasses.replace(OPTIONS.session, cases=str(table)))
     for case in ("gravel", "cobbles"):
         table.write_text(f"start,end,case\n0,20,{case}\n")
         found, _ = make(bag, tmp_path / "out", options=options)
@@ -270,8 +321,7 @@ def test_a_log_without_the_number_of_diverging_events_is_not_used(tmp_path: Path
 
 def test_a_failed_repeat_forgets_no_finished_step_and_no_edited_events(made: MadeSubject, bag: Path) -> None:
     """A table that does not exist, the original options again, and another setting, after an edit by hand."""
-    directory = made.directory.with_name("repeated")
-    shutil.copytree(made.directory, directory)
+    directory = copied(made, "repeated")
     path = directory / "events.yaml"
     edited = path.read_text() + "# seen by Anna\n"
     path.write_text(edited)
@@ -377,7 +427,12 @@ def test_people_are_read_with_paths_from_their_file(tmp_path: Path) -> None:
     assert person == Person("anna", SUBJECT, (str(tmp_path / "s.mcap"),), "seat")
 
 
-def test_one_that_fails_does_not_stop_the_others(bag: Path, tmp_path: Path) -> None:
+def test_one_that_fails_does_not_stop_the_others(
+    made: MadeSubject, reports: list[Report], bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A subject without validation and trace is done too."""
+    monkeypatch.setattr(making, "fit_bags", lambda *_: reports[0])
+    refuse_steps(monkeypatch, "validate", "trace_bags")
     still = session_bag(tmp_path / "still.mcap", cases=())
     people = [Person("ben", UNKNOWN, (str(still),), "seat"), Person("anna", UNKNOWN, (str(bag),), "seat")]
     seen: list[tuple[int, int]] = []
@@ -466,7 +521,7 @@ def test_a_person_without_a_fit_has_failed(tmp_path: Path, monkeypatch: pytest.M
 
 
 def killed_once(person: Person, directory: Path, options: SubjectOptions) -> dict[str, object]:
-    """In the place of `make_person`: finds the events, and the first worker of ben dies after that."""
+    """In the place of `make_person`: finds the events of a road; the first worker of ben dies after that."""
     directory.mkdir(exist_ok=True)
     write_events([find_events(person.sessions[0], options.session)], directory / "events.yaml")
     mark = directory.parent / "died"
@@ -476,13 +531,19 @@ def killed_once(person: Person, directory: Path, options: SubjectOptions) -> dic
     return {"steps": [], "uses": {}}
 
 
+@pytest.fixture(scope="module")
+def road(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A session of one drive."""
+    return session_bag(tmp_path_factory.mktemp("road") / "road.mcap", cases=("road",))
+
+
 @pytest.mark.parametrize("where", ["processes:2", "cluster"])
 def test_a_campaign_ends_complete_although_a_worker_is_killed(
-    bag: Path, tmp_path: Path, where: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+    road: Path, tmp_path: Path, where: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     address = request.getfixturevalue("cluster") if where == "cluster" else where
     monkeypatch.setattr("biodyn_ros.subject.people.make_person", killed_once)
-    people = [Person(name, UNKNOWN, (str(bag),), "seat") for name in ("anna", "ben")]
+    people = [Person(name, UNKNOWN, (str(road),), "seat") for name in ("anna", "ben")]
     with executor_of(address) as executor:
         rows = make_people(people, tmp_path, OPTIONS, executor, lambda done, total: None)
     assert (tmp_path / "died").exists() and [row.state for row in rows] == ["done", "done"]
