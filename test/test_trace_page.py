@@ -120,7 +120,7 @@ def test_the_ranking_draws_probabilities_and_beside_them_gains() -> None:
 
 def test_each_further_round_has_its_probabilities() -> None:
     second = a_round("none")
-    page = page_of(found(rounds=(a_round(), second)))[1].text
+    page = page_of(found(rounds=(a_round(), second)), draws=False)[1].text
     first, later = page.split("Round 2, with the effects that the rounds before added:")
     assert "nonlinear stiffness 0.90 yes" in first and "nothing visible is missing 0.85" not in first
     assert "nothing visible is missing 0.85 yes nonlinear stiffness 0.06 an effect outside the catalogue 0.05" in later
@@ -220,11 +220,11 @@ def test_an_event_in_which_a_model_diverges_is_in_no_spectrum() -> None:
         for found_here, expected in zip(residual_spectra(events), (frequency, density), strict=True):
             np.testing.assert_array_equal(found_here, expected)
     assert residual_spectra([lost]) is None
-    text = Page(trace_page(Report(found(events=(*others, calm, lost))))).text
+    text = page_of(found(events=(*others, calm, lost)))[1].text
     assert "residual after (thin), over 1 of 2 events held out, without 1 in which a model diverges." in text
     other_rate = dataclasses.replace(calm, name="road_3", rate_hz=2.0 * RATE_HZ)
-    text = Page(trace_page(Report(found(events=(*others, calm, lost, other_rate))))).text
+    text = page_of(found(events=(*others, calm, lost, other_rate)), draws=False)[1].text
     assert "over 1 of 3 events of one sampling rate held out, without 1 in which a model diverges." in text
     assert "over 2 events held out." in drawn("effect")[1].text
-    text = Page(trace_page(Report(found(events=(lost,))))).text
+    text = page_of(found(events=(lost,)))[1].text
     assert "There is no spectrum: a model diverges in each event." in text

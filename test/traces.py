@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from pages import Page, empty_drawings
+from pages import Page, empty_drawings, no_drawings
 from streams import subject
 
 from biodyn_core.body.parameters import Parameters
@@ -222,9 +222,9 @@ def nothing() -> Trace:
     )  # fmt: skip
 
 
-def page_of(trace: Trace, **more: Any) -> tuple[str, Page]:
-    """The page of a trace, with empty drawings."""
-    with empty_drawings():
+def page_of(trace: Trace, draws: bool = True, **more: Any) -> tuple[str, Page]:
+    """The page of a trace with empty drawings; their figures are made unless a test is of the text alone."""
+    with empty_drawings() if draws else no_drawings():
         source = trace_page(Report(trace, **more))
     return source, Page(source)
 
