@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -140,9 +141,10 @@ def independent_streams(seconds: float = 4.0) -> tuple[ImuStream, ...]:
     chain = Chain.of(subject())
     K, C, stiffening = chain.K, chain.C, chain.stiffness_n_per_m * chain.stiffening_per_m
 
-    def seat(t: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
-        rise = np.clip((np.asarray(t) - 1.5) / 0.5, 0.0, 1.0)
-        return rise**2 * (3 - 2 * rise) * (3.0 * np.sin(2 * np.pi * 4.1 * t) + 2.0 * np.sin(2 * np.pi * 9.3 * t + 1.0))
+    def seat(t: float) -> float:
+        rise = min(max((t - 1.5) / 0.5, 0.0), 1.0)
+        swing = 3.0 * math.sin(2 * math.pi * 4.1 * t) + 2.0 * math.sin(2 * math.pi * 9.3 * t + 1.0)
+        return rise**2 * (3 - 2 * rise) * swing
 
     def law(x: NDArray[np.float64], v: NDArray[np.float64], t: float) -> NDArray[np.float64]:
         stretch = STRETCH @ x
@@ -154,12 +156,13 @@ def independent_streams(seconds: float = 4.0) -> tuple[ImuStream, ...]:
         lambda t, y: np.concatenate([y[6:], law(y[:6], y[6:], t)]), (0.0, t[-1]), np.zeros(12), "DOP853", t, rtol=1e-10,
         atol=1e-12, max_step=2e-3,
     )  # fmt: skip
-    absolute = np.array([law(y[:6], y[6:], at) + seat(at) for at, y in zip(t, answer.y.T, strict=True)])
+    moved = np.array([seat(at) for at in t])
+    absolute = np.array([law(y[:6], y[6:], at) + up for at, up, y in zip(t, moved, answer.y.T, strict=True)])
     stamps = START_NS + np.rint(t * 1e9).astype(np.int64)
     streams = []
     for name in SENSORS:
         accel = np.zeros((t.size, 3))
-        accel[:, 2] = STANDARD_GRAVITY_MPS2 + (seat(t) if name == SEAT else absolute[:, SEGMENTS.index(name)])
+        accel[:, 2] = STANDARD_GRAVITY_MPS2 + (moved if name == SEAT else absolute[:, SEGMENTS.index(name)])
         streams.append(ImuStream(name, stamps, accel, np.zeros_like(accel)))
     return tuple(streams)
 
