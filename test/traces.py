@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from contextlib import nullcontext
 from functools import cache
 from typing import Any, get_args
 
@@ -37,6 +38,8 @@ from biodyn_ros.trace.report import Report
 SUBJECT = subject()
 RATE_HZ = 200.0
 VERDICTS = get_args(Verdict)
+DRAWN = ("effect", "unexplained")
+"""Verdicts whose pages have every kind of drawing."""
 
 
 def applied(name: str, site: str) -> AppliedEffect:
@@ -231,7 +234,8 @@ def page_of(trace: Trace, draws: bool = True, **more: Any) -> tuple[str, Page]:
 
 @cache
 def drawn(verdict: Verdict) -> tuple[str, Page]:
-    """The page of a verdict, with its drawings."""
-    trace = found(verdict)
-    source = trace_page(Report(trace, dealt="dealt by turns"))
+    """The page of a verdict, with its drawings or, for the same drawings of another verdict, with empty ones."""
+    report = Report(found(verdict), dealt="dealt by turns")
+    with nullcontext() if verdict in DRAWN else empty_drawings():
+        source = trace_page(report)
     return source, Page(source)
