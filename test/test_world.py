@@ -237,7 +237,7 @@ def test_a_ride_begins_and_ends_at_rest_without_a_sensor_at_the_central_torso() 
 @pytest.fixture(scope="module")
 def recovered() -> PersonResult:
     """One person from one short made event; the paper's method is left to the study."""
-    (person,), (truth,) = draw(1, 11, ("rail",), (6.0, 4.0), recorded=False)
+    (person,), (truth,) = draw(1, 11, ("rail",), (5.0, 3.0), recorded=False)
     ours, estimates = jointly(person)
     return compare(person, Answer(ours, estimates, ours), truth)
 
