@@ -66,10 +66,20 @@ def graph() -> Iterator[Any]:
 @pytest.fixture
 def no_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     """The independent simulation shakes from the first moment."""
+    _rests(monkeypatch, 0.0, 0.0)
+
+
+@pytest.fixture
+def brief_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The independent simulation rests just long enough for gravity to be found."""
+    _rests(monkeypatch, 1.0, 0.2)
+
+
+def _rests(monkeypatch: pytest.MonkeyPatch, before_s: float, after_s: float) -> None:
     from world.effects import event, moving  # needed by few tests
 
     for module in (event, moving):
-        monkeypatch.setattr(module, "REST_S", (0.0, 0.0))
+        monkeypatch.setattr(module, "REST_S", (before_s, after_s))
 
 
 @pytest.fixture(scope="module")

@@ -1,11 +1,11 @@
 """The equations of the effects written again from the catalogue, and their integration by DOP853."""
 
 import math
+from functools import cache, partial
 
 import naive
 import numpy as np
 import streams
-from scipy import integrate
 
 from biodyn_core.base.segments import SEGMENTS, SENSORS
 from biodyn_core.body.subject import Subject
@@ -15,6 +15,7 @@ RATE_HZ = 1129.3
 SUBJECT = streams.subject()
 
 
+@cache
 def channels(samples: int) -> dict[str, np.ndarray]:
     """Horizontal and angular motion of every sensor, (n,) each, from rest."""
     time = np.arange(samples) / RATE_HZ
@@ -170,7 +171,9 @@ def twin(effect: AppliedEffect, seat: np.ndarray, subject: Subject = SUBJECT, ra
     mass = np.diag(M)
     b = 2.0 * theta[6:12] * np.sqrt(k * np.cumsum(mass[::-1])[::-1])
     weight = 9.80665 * mass[at:].sum()
-    past: tuple[list, list] = ([0.0], [0.0])
+    step = 1.0 / rate_hz
+    times, stretches = step * np.arange(len(seat)), np.zeros(len(seat))
+    past = [times[:1], stretches[:1]]
     extra, count = None, 0
     if effect.effect.name != "lift_off":
         count, extra = law(
@@ -180,7 +183,7 @@ def twin(effect: AppliedEffect, seat: np.ndarray, subject: Subject = SUBJECT, ra
     def slope(t, y, t0, before, rise):
         x, v, q = y[:6], y[6:12], y[12:]
         s = before + rise * (t - t0)
-        stretch, rate = np.diff(x, prepend=0.0), np.diff(v, prepend=0.0)
+        stretch, rate = naive.STRETCH @ x, naive.STRETCH @ v
         tension = k * alpha * stretch * np.abs(stretch)
         on = np.zeros(6)
         own = []
@@ -190,18 +193,15 @@ def twin(effect: AppliedEffect, seat: np.ndarray, subject: Subject = SUBJECT, ra
         else:
             force, own = extra(t, *((stretch[at], rate[at]) if on_joint else (x[at], v[at])), s, q)
             (tension if on_joint else on)[at] += force
-        nonlinear = tension - np.append(tension[1:], 0.0)
-        a = -np.linalg.solve(M, C @ v + K @ x + nonlinear - on) - s
+        a = (on - C @ v - K @ x - tension @ naive.STRETCH) / mass - s
         return np.concatenate([v, a, own])
 
-    out, y, step = np.zeros((len(seat), 6)), np.zeros(12 + count), 1.0 / rate_hz
+    out, y = np.zeros((len(seat), 6)), np.zeros(12 + count)
     for n in range(1, len(seat)):
-        t0, rise = (n - 1) * step, (seat[n] - seat[n - 1]) / step
-        found = integrate.solve_ivp(
-            slope, (t0, t0 + step), y, "DOP853", args=(t0, seat[n - 1], rise), rtol=1e-8, atol=1e-11
-        )
-        y = found.y[:, -1]
-        past[0].append(t0 + step)
-        past[1].append(np.diff(y[:6], prepend=0.0)[at])
-        out[n] = slope(t0 + step, y, t0, seat[n - 1], rise)[6:12] + seat[n]
+        t0, rise = times[n - 1], (seat[n] - seat[n - 1]) / step
+        here = partial(slope, t0=t0, before=seat[n - 1], rise=rise)
+        y = naive.integrated(lambda t, y, t0=t0, here=here: here(t0 + t, y), y, step, 1e-8, 1e-11)
+        stretches[n] = (naive.STRETCH @ y[:6])[at]
+        past[:] = times[: n + 1], stretches[: n + 1]
+        out[n] = here(t0 + step, y)[6:12] + seat[n]
     return out

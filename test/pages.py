@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import re
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from html.parser import HTMLParser
@@ -99,6 +100,21 @@ def assert_self_contained(source: str) -> None:
 def svg_text(svg: str) -> str:
     """The texts of a drawing."""
     return " | ".join(html.unescape(text) for text in re.findall(r"<text[^>]*>([^<]*)</text>", svg))
+
+
+@contextmanager
+def no_drawings() -> Iterator[None]:
+    """Empty drawings of which no figure is made, for tests of texts alone."""
+    from biodyn_ros.reports import drawing
+
+    def empty(width_in: float, height_in: float, fill: object) -> Any:
+        return drawing.drawn(width_in, height_in, lambda figure: None)
+
+    with empty_drawings(), pytest.MonkeyPatch.context() as patch:
+        for module in [one for name, one in sys.modules.items() if name.startswith("biodyn_ros.")]:
+            if module is not drawing and getattr(module, "drawn", None) is drawing.drawn:
+                patch.setattr(module, "drawn", empty)
+        yield
 
 
 @contextmanager

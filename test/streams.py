@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -138,28 +139,29 @@ def in_turn(streams: tuple[ImuStream, ...], size: int = 280) -> list[tuple[str, 
 def independent_streams(seconds: float = 4.0) -> tuple[ImuStream, ...]:
     """Perfect sensors on a chain that SciPy's DOP853 integrates, from matrices, with a smooth seat motion."""
     chain = Chain.of(subject())
-    K, C, stiffening = chain.K, chain.C, chain.stiffness_n_per_m * chain.stiffening_per_m
+    linear = -np.hstack([chain.K, chain.C]) / chain.inertia_kg[:, None]
+    stiffening = chain.stiffness_n_per_m * chain.stiffening_per_m
 
-    def seat(t: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
-        rise = np.clip((np.asarray(t) - 1.5) / 0.5, 0.0, 1.0)
-        return rise**2 * (3 - 2 * rise) * (3.0 * np.sin(2 * np.pi * 4.1 * t) + 2.0 * np.sin(2 * np.pi * 9.3 * t + 1.0))
+    def seat(t: float) -> float:
+        rise = min(max((t - 1.5) / 0.5, 0.0), 1.0)
+        swing = 3.0 * math.sin(2 * math.pi * 4.1 * t) + 2.0 * math.sin(2 * math.pi * 9.3 * t + 1.0)
+        return rise**2 * (3 - 2 * rise) * swing
 
-    def law(x: NDArray[np.float64], v: NDArray[np.float64], t: float) -> NDArray[np.float64]:
-        stretch = STRETCH @ x
-        force = K @ x + C @ v + (stiffening * stretch * np.abs(stretch)) @ STRETCH
-        return -force / chain.inertia_kg - seat(t)
+    def absolute(y: NDArray[np.float64]) -> NDArray[np.float64]:
+        stretch = y[..., :6] @ STRETCH.T
+        return y @ linear.T - (stiffening * stretch * np.abs(stretch)) @ STRETCH / chain.inertia_kg
+
+    def slope(t: float, y: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.concatenate([y[6:], absolute(y) - seat(t)])
 
     t = np.arange(int(seconds * RATE_HZ)) / RATE_HZ
-    answer = solve_ivp(
-        lambda t, y: np.concatenate([y[6:], law(y[:6], y[6:], t)]), (0.0, t[-1]), np.zeros(12), "DOP853", t, rtol=1e-10,
-        atol=1e-12, max_step=2e-3,
-    )  # fmt: skip
-    absolute = np.array([law(y[:6], y[6:], at) + seat(at) for at, y in zip(t, answer.y.T, strict=True)])
+    answer = solve_ivp(slope, (0.0, t[-1]), np.zeros(12), "DOP853", t, rtol=1e-10, atol=1e-12, max_step=3e-3)
+    moved, answered = np.array([seat(at) for at in t]), absolute(answer.y.T)
     stamps = START_NS + np.rint(t * 1e9).astype(np.int64)
     streams = []
     for name in SENSORS:
         accel = np.zeros((t.size, 3))
-        accel[:, 2] = STANDARD_GRAVITY_MPS2 + (seat(t) if name == SEAT else absolute[:, SEGMENTS.index(name)])
+        accel[:, 2] = STANDARD_GRAVITY_MPS2 + (moved if name == SEAT else answered[:, SEGMENTS.index(name)])
         streams.append(ImuStream(name, stamps, accel, np.zeros_like(accel)))
     return tuple(streams)
 

@@ -34,7 +34,7 @@ NAMED = {
 
 @cache
 def body(level: float = 1.0) -> Sitting:
-    """A body with a background of the paper's kind, and nothing hidden."""
+    """A body with a background of the paper's kind, and nothing hidden; without rest, of which nothing is asked."""
     (one,) = sitting.drawn(1, 3, effects=0, level=level, plan=SHORT)
     return one
 
@@ -44,7 +44,7 @@ def cause(name: str, site: str) -> Cause:
 
 
 @pytest.mark.parametrize("named", NAMED, ids=" at ".join)
-def test_the_named_law_alone_is_absent(named: tuple[str, str]) -> None:
+def test_the_named_law_alone_is_absent(named: tuple[str, str], no_rest: None) -> None:
     less, changed = without_law(body(), cause(*named)), NAMED[named]
     assert less is not None
     for field in FIELDS:
@@ -59,16 +59,16 @@ def test_the_named_law_alone_is_absent(named: tuple[str, str]) -> None:
 
 
 @pytest.mark.parametrize(("name", "site"), [("relaxation", "head"), ("pitch", "seat"), ("gain", "")])
-def test_a_background_without_such_a_law_has_none(name: str, site: str) -> None:
+def test_a_background_without_such_a_law_has_none(name: str, site: str, no_rest: None) -> None:
     assert without_law(body(), cause(name, site)) is None
 
 
 @pytest.mark.parametrize("named", NAMED, ids=" at ".join)
-def test_a_body_without_a_background_has_no_law(named: tuple[str, str]) -> None:
+def test_a_body_without_a_background_has_no_law(named: tuple[str, str], no_rest: None) -> None:
     assert without_law(body(0.0), cause(*named)) is None
 
 
-def test_only_a_named_cause_has_an_own_law() -> None:
+def test_only_a_named_cause_has_an_own_law(no_rest: None) -> None:
     for verdict, effects in (
         ("none", ()),
         ("ambiguous", (cause("gain", "head"),)),

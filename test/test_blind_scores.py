@@ -16,14 +16,18 @@ from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX
 from biodyn_core.body.model import predict
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect
-from biodyn_core.identification.fit import fit_joint
+from biodyn_core.identification.fit import Fit, fit_joint
+from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.problem import Case
+from biodyn_core.identification.settings import FitSettings
 from blind.tracing import refits, score
 from blind.tracing.outcome import Answer, Cause, Score
 from blind.tracing.records import Record, record
 from blind.tracing.refits import oracle, placebo
 from blind.tracing.rows import Drawing
 from blind.tracing.score import generic_percent, ratio, recovered, sum_of_squares, unseen
+
+QUICK = FitSettings(swarm=SwarmSettings(particles=20, iterations=20, starts=1), refined_starts=1, evaluations=100)
 
 
 def test_energy_recovered_is_a_share_of_the_oracles() -> None:
@@ -61,6 +65,12 @@ def backrest() -> tuple[Record, Record]:
     return found[0], found[1]
 
 
+@pytest.fixture(scope="module")
+def fit(backrest: tuple[Record, Record]) -> Fit:
+    """The person with the backrest, fitted without one."""
+    return fit_joint(backrest[1].train, SUBJECT, 0, QUICK)
+
+
 @pytest.mark.slow
 def test_refits_give_ratio_oracle_placebo_and_generic(
     backrest: tuple[Record, Record], monkeypatch: pytest.MonkeyPatch
@@ -95,12 +105,11 @@ def test_an_unstable_simulation_has_infinite_squares() -> None:
 
 
 def test_the_error_of_an_unstable_oracle_is_infinite(
-    backrest: tuple[Record, Record], monkeypatch: pytest.MonkeyPatch
+    backrest: tuple[Record, Record], fit: Fit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _, hidden = backrest
     wild = dataclasses.replace(hidden.held_out[0], seat_mps2=1e160 * hidden.held_out[0].seat_mps2)
     known = dataclasses.replace(hidden, held_out=(wild,))
-    fit = fit_joint(hidden.train, SUBJECT, 0)
     monkeypatch.setattr(score, "oracle", lambda *given: SUBJECT)
     monkeypatch.setattr(score, "placebo", lambda *given: None)
     found = score._beside(Score("strong", 0, (Cause("backrest", "upper_torso", "backrest"),)),
@@ -134,7 +143,9 @@ def test_a_refit_that_fails_does_not_take_the_ratio(
     assert found.ratio is not None and found.ratio > 0.8 and found.why == f"{fails}: gap_m is nan"
 
 
-def test_the_ceilings_of_two_effects_are_of_records_with_one_each(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_ceilings_of_two_effects_are_of_records_with_one_each(
+    brief_rest: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The record without an effect is the same for both, and each effect changes something by itself."""
     asked: list[tuple[Record, Cause, Record]] = []
 
@@ -144,12 +155,13 @@ def test_the_ceilings_of_two_effects_are_of_records_with_one_each(monkeypatch: p
 
     monkeypatch.setattr(score, "_base_fit", lambda known: SimpleNamespace(subject=SUBJECT))
     monkeypatch.setattr(score, "ceiling", ideal)
-    plan = Plan(counts=(1, 0, 0), seconds=(4.0, 0.0, 0.0), uses=("fit", "held"), recorded=False)
+    plan = Plan(counts=(1, 0, 0), seconds=(3.0, 0.0, 0.0), uses=("fit", "held"), recorded=False)
     (one,) = drawn(1, 4, "development", ("gain", "clock"), 2, 0.0, plan)
     found = score.scored(Drawing("two", 1, effects=2, needs="ceilings"), Answer("two", 0, "none"), one)
     assert [cause for _, cause, _ in asked] == list(found.causes) and len(found.causes) == 2
     assert [max(alone.values()) for alone in found.ceilings_alone] == [0.8765, 0.8765]
     both = record(one).cases
+    assert len(both) == 2
     for hidden, _, plain in asked:
         for case, without, with_both in zip(hidden.cases, plain.cases, both, strict=True):
             changed = (case.measured_mps2 != without.measured_mps2).any(axis=0)
@@ -166,10 +178,9 @@ def test_the_oracle_tries_every_law_of_the_true_class(monkeypatch: pytest.Monkey
 
 
 def test_only_the_first_records_of_a_row_have_a_placebo(
-    backrest: tuple[Record, Record], monkeypatch: pytest.MonkeyPatch
+    backrest: tuple[Record, Record], fit: Fit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _, hidden = backrest
-    fit = fit_joint(hidden.train, SUBJECT, 0)
     monkeypatch.setattr(score, "oracle", lambda *given: SUBJECT)
     monkeypatch.setattr(score, "placebo", lambda *given: SUBJECT)
     cause = Cause("backrest", "upper_torso", "backrest")

@@ -197,7 +197,7 @@ def test_injury_criteria_are_as_printed() -> None:
 
 
 def test_faults_of_the_stamps_are_as_printed() -> None:
-    assert_printed("Faults of the stamps", clock.fault_rows(clock.FAULTS[:6]))
+    assert_printed("Faults of the stamps", clock.fault_rows(clock.FAULTS[:4]))
 
 
 def test_delay_and_interpolation_are_as_printed() -> None:

@@ -1,6 +1,7 @@
 """Checks before a trace: amount of data, sensors, and tension of the seat."""
 
 import dataclasses
+from functools import cache
 
 import fitting
 import naive
@@ -9,6 +10,7 @@ import pytest
 from hiding import applied
 from streams import subject
 
+from biodyn_core.body.model import Chain
 from biodyn_core.identification.problem import Case
 from biodyn_core.tracing.data_checks import (
     FloorSettings,
@@ -26,6 +28,13 @@ RATE_HZ = fitting.RATE_HZ
 SUBJECT = subject()
 
 
+@cache
+def ride(kind: str = "road") -> Case:
+    """Some motion of a body, of which the checks ask no more than that."""
+    seat = fitting.seat_motion(kind, 4.0, 0)
+    return fitting.ready(seat, Chain.of(SUBJECT).simulate(seat, RATE_HZ).accel_mps2, kind)
+
+
 def case(peaks_g: list[float], seconds: float = 20.0, apart_s: float = 3.0) -> Case:
     """A seat at rest but for half-sines of 50 ms, the first 4 s into the record."""
     seat = np.zeros(round(seconds * RATE_HZ))
@@ -34,7 +43,7 @@ def case(peaks_g: list[float], seconds: float = 20.0, apart_s: float = 3.0) -> C
         begin = round((4.0 + apart_s * number) * RATE_HZ)
         seat[begin : begin + width] = 9.80665 * peak * np.sin(np.pi * np.arange(width) / (width - 1))
     measured = np.repeat(seat[:, None], 5, axis=1) + 1e-3
-    return dataclasses.replace(fitting.true_cases("segment")[0], seat_mps2=seat, measured_mps2=measured)
+    return dataclasses.replace(ride(), seat_mps2=seat, measured_mps2=measured)
 
 
 def test_shocks_are_counted_by_their_peaks() -> None:
@@ -146,7 +155,7 @@ def test_the_tension_of_the_seat_is_that_of_the_papers_matrices() -> None:
     seat = fitting.seat_motion("rail", 4.0, 2)
     theta = SUBJECT.parameters.vector()
     M = naive.chain_matrices(theta, SUBJECT.body_mass_kg, "segment")[0]
-    accel = naive.chain_response(theta, SUBJECT.body_mass_kg, "segment", seat, RATE_HZ)
+    (accel,) = naive.chain_responses([(theta, SUBJECT.body_mass_kg, "segment")], seat, RATE_HZ, 1e-8)
     made = fitting.ready(seat, accel, "rail")
     # All that pushes the six segments comes from the seat, but for the Rayleigh part, which holds on to nothing.
     found = seat_tension(SUBJECT, made)
@@ -159,7 +168,7 @@ def test_the_tension_of_the_seat_is_that_of_the_papers_matrices() -> None:
 
 def test_the_tension_is_small_on_a_quiet_road_and_zero_with_lift_off() -> None:
     seat = 0.1 * fitting.seat_motion("road", 6.0, 1)
-    quiet = dataclasses.replace(fitting.true_cases("segment")[0], seat_mps2=seat)
+    quiet = dataclasses.replace(ride(), seat_mps2=seat)
     assert 0.0 < seat_tension(SUBJECT, quiet) < 0.5
     assert seat_tension(dataclasses.replace(SUBJECT, effects=(applied("lift_off"),)), quiet) == 0.0
 
@@ -174,7 +183,7 @@ def masked(share: float, column: int, one: Case) -> Case:
 
 
 def test_a_clipping_sensor_is_left_out_of_its_event_alone() -> None:
-    one = masked(0.1, 3, fitting.true_cases("segment")[0])
+    one = masked(0.1, 3, ride())
     found, (line,) = without_failed_sensors(one)
     assert line.startswith("road: neck, 10 % ")
     assert found.energy[3] == 0.0 and not found.compared[:, 3].any() and "neck" not in found.fitted
@@ -184,7 +193,7 @@ def test_a_clipping_sensor_is_left_out_of_its_event_alone() -> None:
 
 
 def test_few_masked_samples_or_equal_masks_leave_no_sensor_out() -> None:
-    whole = fitting.true_cases("segment")[0]
+    whole = ride()
     few, alike = masked(0.01, 3, whole), whole
     for column in range(5):
         alike = masked(0.1, column, alike)
@@ -194,14 +203,14 @@ def test_few_masked_samples_or_equal_masks_leave_no_sensor_out() -> None:
 
 
 def test_an_absent_sensor_is_not_reported_as_clipping() -> None:
-    whole = fitting.true_cases("segment")[0]
+    whole = ride()
     compared, energy = whole.compared.copy(), whole.energy.copy()
     compared[:, 1], energy[1] = False, 0.0
     assert without_failed_sensors(dataclasses.replace(whole, compared=compared, energy=energy))[1] == []
 
 
 def test_equal_seats_are_the_same_motion() -> None:
-    road, pothole = fitting.true_cases("segment")[:2]
+    road, pothole = ride(), ride("pothole")
     renamed = dataclasses.replace(road, name="other", case="rail", measured_mps2=pothole.measured_mps2)
     shorter = dataclasses.replace(road, seat_mps2=road.seat_mps2[:-1])
     assert same_motion(road, renamed) and not same_motion(road, pothole) and not same_motion(road, shorter)

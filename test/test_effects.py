@@ -357,7 +357,7 @@ def test_zero_strength_is_the_base_model_to_the_last_bit(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [n for n in IN_TIME if CATALOGUE[n].strengths])
-@pytest.mark.parametrize("share", [1e-3, 1e-6, 1e-9, 1e-15])
+@pytest.mark.parametrize("share", [1e-3, 1e-15])
 def test_a_tiny_strength_changes_nothing_and_takes_no_longer(name: str, share: float) -> None:
     sizes = {p.name: share * p.upper for p in CATALOGUE[name].parameters if p.kind == "strength"}
     effect, seat = applied(name, **sizes), shock(0.3)
@@ -398,7 +398,7 @@ def test_block_cuts_change_no_bit(name: str, cuts: list[int]) -> None:
 
 
 def test_two_effects_act_together() -> None:
-    one, other = applied("relaxation", "neck"), applied("viscera", "lower_torso")
+    one, other = applied("lift_off"), applied("viscera", "lower_torso")
     seat = shock()
     both, again = (
         Chain.of(with_effects(*pair)).simulate(seat, RATE_HZ).accel_mps2 for pair in ((one, other), (other, one))
@@ -409,12 +409,12 @@ def test_two_effects_act_together() -> None:
 
 
 def test_reset_of_a_stepper_resets_the_states_of_effects() -> None:
-    names = ("reflex", "relaxation", "cross_axis", "periodic")
-    chain = Chain.of(with_effects(*(applied(name, "upper_torso") for name in names)))
-    seat, stepper = shock(0.3), Stepper(chain, RATE_HZ)
-    first = stepper.push(seat, channels=channels(seat.size))
-    stepper.reset()
-    assert np.array_equal(stepper.push(seat, channels=channels(seat.size)), first)
+    seat = shock(0.3)
+    for name in ("reflex", "relaxation", "cross_axis", "periodic"):
+        stepper = Stepper(Chain.of(with_effects(applied(name, "upper_torso"))), RATE_HZ)
+        first = stepper.push(seat, channels=channels(seat.size))
+        stepper.reset()
+        assert np.array_equal(stepper.push(seat, channels=channels(seat.size)), first), name
 
 
 def test_a_channel_that_is_not_there_is_one_line() -> None:
@@ -606,29 +606,22 @@ print(accel[-1].tolist())
 """
 
 
-@pytest.mark.parametrize("closed", [False, True])
-def test_a_second_process_uses_the_compilation_cache(closed: bool, tmp_path) -> None:
+def test_a_second_process_uses_the_compilation_cache(tmp_path) -> None:
     """... and one that may write nowhere does without."""
-    place = tmp_path / "cache"
-    place.mkdir()
-    if closed:
-        place = "/proc/none"
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(place), "HOME": str(place), "TMPDIR": str(place)}
-    environment.pop("XDG_CACHE_HOME", None)
-    answers = []
-    for _ in range(2):
-        run = subprocess.run(
+
+    def run(place: str) -> str:
+        environment = {**os.environ, "NUMBA_CACHE_DIR": place, "HOME": place, "TMPDIR": place}
+        environment.pop("XDG_CACHE_HOME", None)
+        return subprocess.run(
             [sys.executable, "-c", RUN], env=environment, capture_output=True, text=True, timeout=120, check=True
-        )
-        answers.append(run.stdout)
-        if not closed:
-            files = {path: path.stat().st_mtime_ns for path in place.rglob("*chain_*") if path.is_file()}
-            assert any(path.suffix == ".nbi" for path in files)
-            answers.append(files)
-    if closed:
-        assert answers[0] == answers[1]
-    else:
-        assert answers[0] == answers[2] and answers[1] == answers[3]
+        ).stdout
+
+    answers, files = [], []
+    for _ in range(2):
+        answers.append(run(str(tmp_path)))
+        files.append({path: path.stat().st_mtime_ns for path in tmp_path.rglob("*chain_*") if path.is_file()})
+    assert any(path.suffix == ".nbi" for path in files[0])
+    assert answers[0] == answers[1] == run("/proc/none") and files[0] == files[1]
 
 
 def test_a_tampered_file_is_not_run(tmp_path, monkeypatch) -> None:

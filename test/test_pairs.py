@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -60,31 +61,37 @@ def checked(seed: int, change: Callable[[pairs.Pair], Floats], keep_own: bool = 
 
 
 def test_nothing_is_found_without_a_fault() -> None:
-    found = [checked(seed, lambda pair: pair.under_test) for seed in range(8)]
-    assert [one.verdict for one in found].count("none") >= 7
+    found = [checked(seed, lambda pair: pair.under_test) for seed in range(5)]
+    assert [one.verdict for one in found].count("none") >= 4
     for one in found:
         assert one.before_percent == one.after_percent
         assert 80.0 * BACKGROUND < one.before_percent < 160.0 * BACKGROUND
         assert set(one.gains or {}) == {"clock", "drift", "gain", "tilt", "skin"}
 
 
+@cache
+def louder(gain: float) -> pairs.PairCheck:
+    """The check of a channel that reads too much."""
+    return checked(1, lambda pair: (1.0 + gain) * pair.under_test)
+
+
 @pytest.mark.parametrize("gain", [-0.08, 0.06])
 def test_the_size_of_a_gain_is_within_a_few_percent(gain: float) -> None:
-    found = checked(1, lambda pair: (1.0 + gain) * pair.under_test)
+    found = louder(gain)
     assert (found.verdict, found.name, found.unit) == ("effect", "gain", "")
     assert found.size == pytest.approx(gain, abs=0.006)
     assert found.after_percent < found.before_percent
     assert found.after_percent == pytest.approx(found.background_percent, rel=0.2)
 
 
-@pytest.mark.parametrize("gain", [0.33, -0.33, 0.08])
+@pytest.mark.parametrize("gain", [0.33, -0.33, 0.06])
 def test_the_interval_of_a_fault_beyond_the_searched_range_has_no_outer_end(gain: float) -> None:
     """The search ends at gains of 30 %."""
-    found = checked(1, lambda pair: (1.0 + gain) * pair.under_test)
+    found = louder(gain)
     inner, outer = (found.lower, found.upper) if gain > 0.0 else (found.upper, found.lower)
     assert (found.verdict, found.name) == ("effect", "gain")
     assert found.lower <= gain <= found.upper
-    assert math.isfinite(inner) and math.isinf(outer) == (gain != 0.08)
+    assert math.isfinite(inner) and math.isinf(outer) == (gain != 0.06)
 
 
 @pytest.mark.parametrize("late_s", [-0.004, 0.0015])
@@ -187,5 +194,5 @@ def test_a_dead_or_saturated_channel_is_not_explained() -> None:
 
 
 def test_the_verdict_repeats() -> None:
-    one, other = (checked(1, lambda pair: 1.06 * pair.under_test) for _ in range(2))
+    one, other = louder(0.06), louder.__wrapped__(0.06)
     assert dataclasses.asdict(one) == dataclasses.asdict(other)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -58,12 +59,18 @@ class Ride:
         return self.snapshots[-1]
 
 
+@cache
+def gentle():
+    """A gentle ride that nothing is added to."""
+    return Ride().drive(noisy_streams(**GENTLE))
+
+
 def changed(streams, sensor, change):
     return [change(stream) if stream.sensor == sensor else stream for stream in streams]
 
 
 def test_the_rows_are_the_rolling_figures_and_their_ratios():
-    ride = Ride().drive(noisy_streams(**GENTLE))
+    ride = gentle()
     shown, rolling = ride.snapshots[-1], ride.pipeline.exposure(rolling=True)
     rows = {row["name"]: row for row in shown["rows"]}
     assert list(rows) == [name.replace("_", " ") for name in ROWS]
@@ -111,7 +118,7 @@ def test_whether_the_model_fits_is_unknown_until_enough_motion_was_compared():
 
 
 def test_every_bin_of_the_strip_is_sent_once():
-    shown = Ride().drive(noisy_streams(**GENTLE)).snapshots
+    shown = gentle().snapshots
     begins = [begin for one in shown for begin in one["strip"]["measured"]["begin_s"]]
     assert begins == sorted(set(begins))
     assert np.diff(begins) == pytest.approx(0.1, abs=1e-3)
@@ -145,7 +152,7 @@ def test_seconds_whose_stamps_jump_back_are_sent_too():
 
 
 def test_a_subject_without_a_fit_has_no_intervals_and_the_reason_is_sent():
-    shown = Ride().drive(noisy_streams(**GENTLE)).snapshots[-1]
+    shown = gentle().snapshots[-1]
     assert "covariance" in shown["no_interval"]
     assert "error" not in shown["strip"]
     assert {row["predicted_interval_mps2"] for row in shown["rows"]} == {None}
@@ -193,7 +200,7 @@ def test_a_silent_seat_is_not_green_when_all_sensors_are_silent():
 
 
 def test_without_an_axis_no_topic_gives_a_time_left():
-    seat = Ride().drive(noisy_streams(**GENTLE)).pipeline.seat()
+    seat = gentle().pipeline.seat()
     assert set(topics.seat_values(seat)) == {
         f"{topics.EXPOSURE}/seat/{name}" for name in ("a8", "time_to_action_value", "time_to_limit_value")
     }
@@ -202,7 +209,7 @@ def test_without_an_axis_no_topic_gives_a_time_left():
 
 
 def test_the_rolling_window_ends_now_when_all_sensors_are_silent():
-    ride = Ride().drive(noisy_streams(**GENTLE))
+    ride = gentle()
     seconds = ride.pipeline.settings.window_s
     whole, later = (ride.pipeline.exposure(True, {SEAT: s}).sensors[SEAT].seconds for s in (0.0, seconds - 1.0))
     assert later == pytest.approx(min(whole, 1.0), abs=0.2) and later < whole

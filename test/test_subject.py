@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from expecting import refusal
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from paper import THETAS, printed, shipped
 from provenances import with_spread
@@ -77,6 +77,7 @@ def changed(key: str, value: object, inner: str | None = None) -> dict:
 # --- round trips -----------------------------------------------------------------------------------------------------
 
 
+@settings(max_examples=25)
 @given(SUBJECTS)
 def test_a_written_subject_is_read_back(tmp_path_factory, subject):
     path = tmp_path_factory.mktemp("subject") / "s.yaml"
@@ -86,6 +87,7 @@ def test_a_written_subject_is_read_back(tmp_path_factory, subject):
     assert back.to_yaml() == subject.to_yaml()
 
 
+@settings(max_examples=25)
 @given(SUBJECTS)
 def test_the_mapping_is_read_back(subject):
     assert Subject.from_dict(subject.to_dict()) == subject

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from contextlib import nullcontext
 from functools import cache
 from typing import Any, get_args
 
 import numpy as np
 import pytest
-from pages import Page, empty_drawings
+from pages import Page, empty_drawings, no_drawings
 from streams import subject
 
 from biodyn_core.body.parameters import Parameters
@@ -37,6 +38,8 @@ from biodyn_ros.trace.report import Report
 SUBJECT = subject()
 RATE_HZ = 200.0
 VERDICTS = get_args(Verdict)
+DRAWN = ("effect", "unexplained")
+"""Verdicts whose pages have every kind of drawing."""
 
 
 def applied(name: str, site: str) -> AppliedEffect:
@@ -222,16 +225,17 @@ def nothing() -> Trace:
     )  # fmt: skip
 
 
-def page_of(trace: Trace, **more: Any) -> tuple[str, Page]:
-    """The page of a trace, with empty drawings."""
-    with empty_drawings():
+def page_of(trace: Trace, draws: bool = True, **more: Any) -> tuple[str, Page]:
+    """The page of a trace with empty drawings; their figures are made unless a test is of the text alone."""
+    with empty_drawings() if draws else no_drawings():
         source = trace_page(Report(trace, **more))
     return source, Page(source)
 
 
 @cache
 def drawn(verdict: Verdict) -> tuple[str, Page]:
-    """The page of a verdict, with its drawings."""
-    trace = found(verdict)
-    source = trace_page(Report(trace, dealt="dealt by turns"))
+    """The page of a verdict, with its drawings or, for the same drawings of another verdict, with empty ones."""
+    report = Report(found(verdict), dealt="dealt by turns")
+    with nullcontext() if verdict in DRAWN else empty_drawings():
+        source = trace_page(report)
     return source, Page(source)

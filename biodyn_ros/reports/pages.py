@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,12 @@ def check_reports() -> None:
 
 def render(template: str, **values: Any) -> str:
     """Render a template; values are escaped."""
+    return typeset(_templates().get_template(template).render(palette=PALETTE, **values))
+
+
+@cache
+def _templates() -> Any:
+    """The templates, of which each is compiled once: to compile them takes longer than to fill them."""
     import jinja2
 
     # Selection by file name would not escape templates that end in .j2.
@@ -51,7 +58,7 @@ def render(template: str, **values: Any) -> str:
     page.filters.update(number=number, bound=bound, duration=duration, words=words, sentence=sentence, shocks=shocks)
     page.filters.update(span=span, ends=ends, dri_band=dri_band, partly_tested=partly_tested)
     page.filters["value"] = lambda stated: number(None) if stated is None else f"{stated:g}"
-    return typeset(page.get_template(template).render(palette=PALETTE, **values))
+    return page
 
 
 def write_drawn(path: Path, draw: Callable[[], str]) -> None:

@@ -63,7 +63,7 @@ def drawn(count: int, rng: np.random.Generator) -> People:
 
 
 JointForce = Callable[[Floats, Floats], Floats]
-"""Forces of the joints (p, 6) N by their stretch (p, 6) m and its rate (p, 6) m/s."""
+"""Forces of the joints (..., p, 6) N by their stretch (..., p, 6) m and its rate (..., p, 6) m/s."""
 
 
 def paper_joints(people: People) -> JointForce:
@@ -101,15 +101,20 @@ def accelerations(
         a, b, c, d = pieces[:, piece]
         return ((a * since + b) * since + c) * since + d
 
-    def upward(x: Floats, v: Floats) -> Floats:
-        """Absolute acceleration (p, 6) of each segment from the forces of joints and Rayleigh damping."""
-        below = force(np.diff(x, axis=1, prepend=0.0), np.diff(v, axis=1, prepend=0.0))
-        above = np.append(below[:, 1:], np.zeros((len(people), 1)), axis=1)
-        return (above - below) / inertia - alpha_r * v
+    def upward(state: Floats) -> Floats:
+        """Absolute acceleration (..., p, 6) of each segment from the forces of joints and Rayleigh damping."""
+        motion = state.copy()  # of the joints: np.diff does the same and takes longer than all the rest
+        motion[..., 1:] -= state[..., :-1]
+        below = force(*motion)
+        both = 0.0 - below
+        both[..., :-1] += below[..., 1:]
+        return both / inertia - alpha_r * state[1]
 
-    def slope(t: float, state: Floats) -> Floats:
-        x, v = state.reshape(shape)
-        return np.stack([v, upward(x, v) - seat(t)[:, None]]).ravel()
+    def slope(t: float, flat: Floats) -> Floats:
+        state, out = flat.reshape(shape), np.empty(shape)
+        out[0] = state[1]
+        out[1] = upward(state) - seat(t)[:, None]
+        return out.ravel()
 
     answer, state, begin = np.empty((time_s.size, len(people), 6)), np.zeros(shape).ravel(), 0
     most = max(2, round(min(piece_s * rate_hz, time_s.size)))
@@ -121,7 +126,6 @@ def accelerations(
                 slope, (here_s[0], here_s[-1]), state, "DOP853", here_s,
                 rtol=RELATIVE_TOLERANCE, atol=ABSOLUTE_TOLERANCE, max_step=4e-3,
             )  # fmt: skip
-        for index, (x, v) in enumerate(found.y.T.reshape(-1, *shape), begin):
-            answer[index] = upward(x, v)
+        answer[begin : begin + here_s.size] = upward(np.moveaxis(found.y.reshape(*shape, -1), -1, 1))
         state, begin = found.y[:, -1], begin + here_s.size - 1
     return answer.swapaxes(0, 1)
