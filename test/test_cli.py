@@ -247,20 +247,14 @@ def test_given_limits_decide_and_the_others_are_listed(capsys: pytest.CaptureFix
     assert "limits.yaml: a list of sets" in refused(capsys, "replay", bag, *given)
 
 
-def test_replay_again_replaces_its_own_files(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    bag = write_bag(tmp_path / "bag.mcap")
-    for _ in range(2):
-        code, _, errors = run(capsys, "replay", bag, "--subject", "subject_2", "-o", tmp_path / "out")
-        assert code == 0, errors
-
-
-def test_files_of_an_earlier_replay_that_are_not_requested_are_removed(
+def test_replay_again_replaces_its_own_files_and_removes_those_that_are_not_requested(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    """Beside the figures of another ride it would pass for its page."""
+    """Beside the figures of another ride a page of an earlier replay would pass for its page."""
     bag, out = write_bag(tmp_path / "bag.mcap"), tmp_path / "out"
-    code, _, errors = run(capsys, "replay", bag, "--subject", "subject_2", "-o", out)
-    assert code == 0, errors
+    for _ in range(2):
+        code, _, errors = run(capsys, "replay", bag, "--subject", "subject_2", "-o", out)
+        assert code == 0, errors
     assert {path.name for path in out.iterdir()} == {"predicted.mcap", "exposure.json", "report.html"}
     figures(capsys, bag, out)
     assert {path.name for path in out.iterdir()} == {"exposure.json"}
