@@ -37,7 +37,7 @@ def uncut() -> Run:
 def orders(draw: st.DrawFn) -> list[tuple[str, int, int]]:
     """Random cuts of every sensor, interleaved at random within the bound of the wait (1000 samples are 0.9 s)."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
-    limit = draw(st.sampled_from([6, 40, 300, 500]))
+    limit = draw(st.sampled_from([1, 40, 300, 500]))
     position = dict.fromkeys(SENSORS, 0)
     length = {stream.sensor: len(stream.stamps_ns) for stream in noisy_streams()}
     order = []
