@@ -259,12 +259,11 @@ def head_injury(accel_g, rate_hz, length_s):
     step = 1.0 / rate_hz
     integral = np.concatenate([[0.0], np.cumsum((accel_g[1:] + accel_g[:-1]) * 0.5 * step)])
     best = 0.0
-    for i in range(len(accel_g)):
-        for j in range(i + 1, len(accel_g)):
-            duration = (j - i) * step
-            if duration > length_s + 1e-12:
-                break
-            best = max(best, duration * ((integral[j] - integral[i]) / duration) ** 2.5)
+    for steps in range(1, len(accel_g)):
+        duration = steps * step
+        if duration > length_s + 1e-12:
+            break
+        best = max(best, (duration * ((integral[steps:] - integral[:-steps]) / duration) ** 2.5).max())
     return best
 
 

@@ -129,7 +129,7 @@ def test_an_index_by_time_and_two_channels_of_a_topic_come_in_file_order(tmp_pat
 
 @pytest.mark.parametrize("compression", COMPRESSIONS)
 @pytest.mark.parametrize("chunk_bytes", [1, 5000, 1 << 20])
-@pytest.mark.parametrize("block", [1, 25, 1000])
+@pytest.mark.parametrize("block", [1, 1000])
 def test_mcap_and_rosbags_read_written_bags(tmp_path, compression, chunk_bytes, block):
     written = constant_size(RECORDING)
     write_ours(tmp_path / "a", written, block, compression=compression, chunk_bytes=chunk_bytes)

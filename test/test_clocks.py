@@ -60,7 +60,7 @@ def test_a_perfect_recording_is_exact_to_the_nanosecond() -> None:
     assert found.seconds == pytest.approx(60.0, abs=0.1)
 
 
-@pytest.mark.parametrize("ppm", [-500.0, -20.0, 0.0, 5.0, 20.0, 50.0, 500.0])
+@pytest.mark.parametrize("ppm", [-500.0, 0.0, 20.0])
 @pytest.mark.parametrize(
     ("how", "ppm_within", "offset_within_s"),
     [
@@ -77,7 +77,7 @@ def test_a_perfect_recording_is_exact_to_the_nanosecond() -> None:
 def test_injected_drift_and_offset_are_found(
     ppm: float, how: dict[str, float], ppm_within: float, offset_within_s: float
 ) -> None:
-    for seed in range(3):
+    for seed in range(2):
         found = compared(*recording(ppm=ppm, seed=seed, **how))
         assert found.ppm == pytest.approx(ppm, abs=ppm_within)
         assert found.offset_s == pytest.approx(0.05, abs=offset_within_s)

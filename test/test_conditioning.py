@@ -27,7 +27,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 MOUNTINGS = st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1)
 
 
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(MOUNTINGS)
 @example((0.0, 1.0, 6e-8, 0.0))
 @example((1.0, 0.0, 0.0, 0.0))  # upside down about x (scalar last)
@@ -243,7 +243,7 @@ def test_missing_stamps_at_rest_do_not_spoil_the_rate():
 # --- lost, bad and late samples --------------------------------------------------------------------------------------
 
 
-@settings(max_examples=40)
+@settings(max_examples=18)
 @given(st.lists(st.tuples(st.integers(1300, 3800), st.integers(1, 54)), max_size=4))
 def test_lost_samples_are_interpolated_and_counted(gaps):
     accel = ride(3.5, frequency_hz=2.0)
@@ -314,7 +314,7 @@ def test_an_impossible_sample_counts_as_lost(value, axis):
     np.testing.assert_allclose(found.low_passed, wanted.low_passed, atol=ROUNDING)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(st.integers(880, 925), st.integers(1, 40), st.sampled_from(BAD))
 def test_bad_samples_around_the_end_of_rest_have_no_effect(begin, length, value):
     accel = ride(2.0)
@@ -342,7 +342,7 @@ def test_a_clipped_sample_is_used_and_counted():
     assert found.status.clipped == 2 and found.status.non_finite == 0 and found.status.filled == 0
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(st.lists(st.tuples(st.integers(1000, 3300), st.integers(0, 15)), min_size=1, max_size=10))
 def test_duplicates_and_late_samples_change_nothing(extra):
     accel = ride(3.0)
@@ -399,7 +399,7 @@ SPOILS = st.lists(
 )
 
 
-@settings(max_examples=100)
+@settings(max_examples=40)
 @given(SPOILS, st.lists(st.integers(0, 6000), max_size=6).map(sorted), st.booleans())
 @example([(100, 3, NON_FINITE)], [], False)  # during the search for rest
 @example([(0, 300, NON_FINITE)], [50, 800], False)
@@ -496,7 +496,7 @@ def faulty(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
 CUTS = st.lists(st.integers(0, 3400), max_size=12).map(sorted)
 
 
-@settings(max_examples=200)
+@settings(max_examples=60)
 @given(faulty(), CUTS, st.sampled_from([None, 0.05]))
 def test_any_cut_into_blocks_gives_the_same_bits_for_any_fault(record, cuts, flat_s):
     conditioning = ConditioningSettings(flat_s=flat_s) if flat_s else None
@@ -508,7 +508,7 @@ def test_any_cut_into_blocks_gives_the_same_bits_for_any_fault(record, cuts, fla
     assert whole.status.gap_s >= 0.0
 
 
-@settings(max_examples=50)
+@settings(max_examples=20)
 @given(faulty(), CUTS, st.sampled_from(["zero_phase", "survey"]))
 def test_any_cut_gives_the_same_in_the_other_modes_and_counts_alike(record, cuts, mode):
     whole, cut = Conditioned(*record, mode=mode), Conditioned(*record, cuts, mode=mode)
@@ -519,7 +519,7 @@ def test_any_cut_gives_the_same_in_the_other_modes_and_counts_alike(record, cuts
     np.testing.assert_array_equal(whole.levelled, causal.levelled if mode == "zero_phase" else np.empty((0, 3)))
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(faulty(), CUTS)
 def test_a_survey_in_plain_python_equals_the_compiled_one(record, cuts):
     compiled = Conditioned(*record, cuts, mode="survey").status
@@ -535,7 +535,7 @@ def test_a_survey_in_plain_python_equals_the_compiled_one(record, cuts):
         assert plain.jitter_s == pytest.approx(compiled.jitter_s, rel=1e-9)
 
 
-@settings(max_examples=40)
+@settings(max_examples=18)
 @given(faulty(), CUTS, st.sampled_from([{}, {"cutoff_hz": 200.0}, {"rest_rms_mps2": 0.01, "rest_patience_s": 2.0}]))
 def test_the_rest_mode_finds_the_begin_of_the_causal_path(record, cuts, how):
     stamps_ns, samples = record
@@ -547,7 +547,7 @@ def test_the_rest_mode_finds_the_begin_of_the_causal_path(record, cuts, how):
     assert (rest.rest, rest.fault, rest.first_ns) == (causal.rest, causal.fault, causal.first_ns)
 
 
-@settings(max_examples=10)
+@settings(max_examples=4)
 @given(faulty())
 def test_sample_by_sample_it_is_the_same_for_any_fault(record):
     assert_same(Conditioned(*record, cuts=range(1, len(record[0]))), Conditioned(*record))
@@ -644,7 +644,7 @@ def test_the_tracker_follows_a_step_with_its_time_constant_and_leaves_exposure_a
     np.testing.assert_allclose(off.low_passed[settled], 0.5, atol=1e-9)
 
 
-@settings(max_examples=20)
+@settings(max_examples=8)
 @given(faulty(), CUTS)
 def test_with_the_tracker_any_cut_gives_the_same_bits(record, cuts):
     tracking = ConditioningSettings(gravity_tracker_s=40.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from functools import cache
 
 import numpy as np
 import pytest
@@ -270,13 +271,19 @@ def test_a_stream_all_out_of_order_is_never_taken_for_one_that_jitters(within_s)
 signs = pytest.mark.parametrize("sign", [-1, 1])
 
 
+@cache
+def unspoilt(clock):
+    """The marked samples by a clock without faults; read-only."""
+    return Conditioned(CLOCKS[clock][0], MARKED)
+
+
 @clocks
 @signs
 @pytest.mark.parametrize("many", [1, 5, 19])
 def test_a_few_stray_stamps_lose_only_their_samples(clock, sign, many):
     stamps_ns = CLOCKS[clock][0].copy()
     stamps_ns[9000 : 9000 + many] += sign * HOUR_NS
-    found, whole = Conditioned(stamps_ns, MARKED), Conditioned(CLOCKS[clock][0], MARKED)
+    found, whole = Conditioned(stamps_ns, MARKED), unspoilt(clock)
     status = found.status
     assert (status.stray if sign > 0 else status.late) == status.rejected == status.filled == many
     assert status.runs == 1 and status.gap_s == 0.0
@@ -293,7 +300,7 @@ def test_unset_stamps_and_bad_readings_lose_only_their_samples(clock, what):
     stamps_ns, samples = np.where(hit & (what == "zero"), 0, CLOCKS[clock][0]), MARKED.copy()
     if what == "bad":
         samples[hit, 1] = np.nan
-    found, whole = Conditioned(stamps_ns, samples), Conditioned(CLOCKS[clock][0], MARKED)
+    found, whole = Conditioned(stamps_ns, samples), unspoilt(clock)
     status = found.status
     assert (status.unset if what == "zero" else status.non_finite) == status.rejected == status.filled == hit.sum()
     assert status.runs == 1
@@ -310,7 +317,7 @@ def test_thirty_stamps_in_a_row_confirm_a_leap_and_its_return(clock, sign, leap_
     found = Conditioned(stamps_ns, MARKED)
     status = found.status
     assert status.runs == 3 and status.rejected == status.filled == 0  # none is lost
-    straight = Conditioned(CLOCKS[clock][0], MARKED)
+    straight = unspoilt(clock)
     assert len(found.time_s) == len(straight.time_s)
     # Once they have returned, time inside is what it was all along: other sensors are met again.
     np.testing.assert_allclose(found.time_s[-1000:], straight.time_s[-1000:], atol=0.015)

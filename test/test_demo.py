@@ -14,9 +14,12 @@ from pathlib import Path
 
 import pytest
 from ros import STARTUP_S
+from streams import noisy_streams, write_bag
 
 from biodyn_core.body.origin import origin_of
 from biodyn_core.body.subject import load_subject
+from biodyn_ros.commands.cli import main
+from biodyn_ros.demo import BAG
 
 HELD_UP_S = 0.5
 """Seven times as long as the shared memory of best-effort subscriptions lasts."""
@@ -28,15 +31,39 @@ def live_child(of: subprocess.Popen[str]) -> int:
     return next(int(pid) for pid in children if b"live" in Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0"))
 
 
+DEMO = f"""
+import sys
+from pathlib import Path
+
+from biodyn_ros import demo
+from biodyn_ros.commands.cli import main
+
+sys.path.append({str(Path(__file__).parent)!r})
+from pages import empty_drawings
+
+bag = Path(sys.argv.pop())
+demo.bag_file = lambda name: bag.with_name(name)
+with empty_drawings():
+    sys.exit(main())
+"""
+"""The demo with a shorter bag, and a report without drawings."""
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag of the first subject that has the name of the demo's own."""
+    return write_bag(tmp_path_factory.mktemp("bags") / BAG, noisy_streams(6.0))
+
+
 @contextmanager
-def running(out: Path) -> Iterator[subprocess.Popen[str]]:
+def running(out: Path, bag: Path) -> Iterator[subprocess.Popen[str]]:
     """A demo that has shown its first line of figures."""
-    command = [sys.executable, "-m", "biodyn_ros.commands.cli", "demo", "--out", str(out)]
+    command = [sys.executable, "-c", DEMO, "demo", "--out", str(out), str(bag)]
     demo = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert demo.stdout is not None
     try:
         end = time.monotonic() + STARTUP_S
-        while not re.match(r" +\d+\.\d{3} +\d", demo.stdout.readline()):
+        while not re.match(r" +\d+\.\d+ +\d", demo.stdout.readline()):
             assert time.monotonic() < end and demo.poll() is None
         yield demo
     finally:
@@ -45,8 +72,8 @@ def running(out: Path) -> Iterator[subprocess.Popen[str]]:
             demo.wait(30.0)
 
 
-def test_live_equals_the_replay_though_the_node_is_held_up(tmp_path: Path) -> None:
-    with running(tmp_path / "out") as demo:
+def test_live_equals_the_replay_though_the_node_is_held_up(tmp_path: Path, bag: Path) -> None:
+    with running(tmp_path / "out", bag) as demo:
         live = live_child(demo)
         os.kill(live, signal.SIGSTOP)
         time.sleep(HELD_UP_S)
@@ -63,16 +90,15 @@ def test_live_equals_the_replay_though_the_node_is_held_up(tmp_path: Path) -> No
     assert float(lower) < float(upper) and float(maker) == pytest.approx(float(measured), rel=0.02) != float(other)
 
 
-def test_a_demo_whose_node_exits_fails_with_an_error(tmp_path: Path) -> None:
-    with running(tmp_path / "out") as demo:
+def test_a_demo_whose_node_exits_fails_with_an_error(tmp_path: Path, bag: Path) -> None:
+    with running(tmp_path / "out", bag) as demo:
         os.kill(live_child(demo), signal.SIGKILL)
         _, errors = demo.communicate(timeout=60.0)
     assert demo.returncode == 2 and "biodyn demo: the live node ended (exit code -9)" in errors
 
 
-def test_an_unwritable_output_is_refused_before_the_start(tmp_path: Path) -> None:
+def test_an_unwritable_output_is_refused_before_the_start(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "file").write_text("")
-    command = [sys.executable, "-m", "biodyn_ros.commands.cli", "demo", "--out", str(tmp_path / "file")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
-    assert done.returncode == 2 and done.stdout == ""
-    assert "file: is a file; the results need a directory" in done.stderr
+    assert main(["demo", "--out", str(tmp_path / "file")]) == 2
+    output, errors = capsys.readouterr()
+    assert output == "" and "file: is a file; the results need a directory" in errors

@@ -31,9 +31,11 @@ GUIDE = ROOT / "docs" / "guide.md"
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", GUIDE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
 LONGEST_S = 280.0
 SMALL = {
-    "fit": ["--particles", "12", "--iterations", "15", "--starts", "1", "--refined-starts", "1", "--evaluations", "20"]
+    "simulate": ["--seconds", "3"],
+    "fit": ["--particles", "4", "--iterations", "2", "--starts", "1", "--refined-starts", "1", "--evaluations", "5"],
+    "trace": ["--replicates", "20", "--refined", "2", "--generalised", "1"],
 }
-"""Options that make a command's search small; everything else is as the page has it, the executor where it is given."""
+"""Options that make recordings and searches small; all else is as the page has it, the executor where it is given."""
 
 Capture = pytest.CaptureFixture[str]
 
@@ -103,7 +105,7 @@ def run_as_processes(text: str) -> None:
 
 
 def arguments_of(command: str) -> list[str]:
-    """The arguments of a biodyn command, patterns of files expanded, with the options of a small search."""
+    """The arguments of a biodyn command, patterns of files expanded, with the options of a small one."""
     program, *arguments = (word for part in shlex.split(command) for word in expanded(part))
     assert program == "biodyn"
     if arguments[0] in ("fit", "trace") and "--executor" not in arguments:

@@ -5,15 +5,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import cycle
 
 import pytest
 
 from biodyn_core.base.segments import SEAT
-from faults.judged import judged
+from faults import drive
+from faults.judged import judged, reference
 from faults.stamps import EVERY, OTHERS, Fault, dead, returning
 
 ROWS = [*((fault, sensor) for fault in EVERY for sensor in (SEAT, "head")), *zip(OTHERS, cycle((SEAT, "head")))]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _long_blocks() -> Iterator[None]:
+    """Blocks of the greatest length that a live node may have: a fifth of the blocks of `make faults`."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(drive, "SLOT_S", 0.1)
+        reference.cache_clear()
+        yield
+    reference.cache_clear()
 
 
 @pytest.mark.parametrize(("fault", "sensor"), ROWS, ids=[f"{sensor} {fault.name}" for fault, sensor in ROWS])

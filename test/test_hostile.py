@@ -11,7 +11,7 @@ from biodyn_core.base.errors import MAX_CHARACTERS
 from faults.hostile import MAX_BYTES, MAX_S, attacked, mutated
 from faults.readers import READERS, as_file
 
-COUNT = 250
+COUNT = 100
 
 
 @pytest.mark.parametrize("name", READERS)

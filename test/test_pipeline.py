@@ -37,7 +37,7 @@ def uncut() -> Run:
 def orders(draw: st.DrawFn) -> list[tuple[str, int, int]]:
     """Random cuts of every sensor, interleaved at random within the bound of the wait (1000 samples are 0.9 s)."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
-    limit = draw(st.sampled_from([1, 3, 40, 300, 500]))
+    limit = draw(st.sampled_from([1, 40, 300, 500]))
     position = dict.fromkeys(SENSORS, 0)
     length = {stream.sensor: len(stream.stamps_ns) for stream in noisy_streams()}
     order = []
@@ -51,7 +51,7 @@ def orders(draw: st.DrawFn) -> list[tuple[str, int, int]]:
     return order
 
 
-@settings(max_examples=8)
+@settings(max_examples=4)
 @given(order=orders())
 def test_any_cut_and_any_interleaving_gives_the_same_frames_and_figures(order: list[tuple[str, int, int]]) -> None:
     reference = uncut()
@@ -555,13 +555,15 @@ class _Fragile(Stepper):
 
 def test_a_diverging_model_predicts_nan_and_restarts_for_any_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("biodyn_core.pipeline.prediction.Stepper", _Fragile)
-    runs = [run(noisy_streams(), in_turn(noisy_streams(), size)) for size in (1, 37, 280)]
+    runs = [run(noisy_streams(), in_turn(noisy_streams(), size)) for size in (37, 280)]
     assert runs[0].pipeline.run_status().divergences >= 2
     assert 2 <= np.isnan(runs[0].predicted).all(axis=1).sum() == runs[0].pipeline.run_status().divergences
     for other in runs[1:]:
         assert other.pipeline.run_status().divergences == runs[0].pipeline.run_status().divergences
         np.testing.assert_array_equal(other.predicted, runs[0].predicted)
         assert other.exposure == runs[0].exposure
+    alone = run(noisy_streams(), [cut for cut in in_turn(noisy_streams(), 1) if cut[0] == SEAT])
+    np.testing.assert_array_equal(alone.predicted, runs[0].predicted)
 
 
 @cache
@@ -586,7 +588,7 @@ def test_figures_are_of_a_chain_that_has_settled_after_a_gap(at_s: float) -> Non
         SEAT, *(rows[there] for rows in (streams[0].stamps_ns, streams[0].accel_mps2, streams[0].gyro_radps))
     )
     broken = (seat, *streams[1:])
-    runs = [run(broken, in_turn(broken, size)) for size in (41, 900)]
+    runs = [run(broken, in_turn(broken, size)) for size in (123, 900)]
     assert runs[0].pipeline.run_status().unpredicted_s == pytest.approx(2.0, abs=2e-3)
     for name, force in runs[0].exposure.joint_forces.items():
         most = whole.exposure.joint_forces[name]
@@ -606,7 +608,8 @@ def test_a_model_beyond_its_range_predicts_nan_and_restarts() -> None:
         accel[:, 2] = STANDARD_GRAVITY_MPS2 + shaken
         stamps = START_NS + np.rint(t * 1e9).astype(np.int64)
         streams.append(ImuStream(sensor, stamps, accel, np.zeros_like(accel)))
-    runs = [run(tuple(streams), in_turn(tuple(streams), size)) for size in (1, 37, 900)]
+    runs = [run(tuple(streams), in_turn(tuple(streams), size)) for size in (900, 37)]
+    runs.append(run(tuple(streams[:1]), in_turn(tuple(streams[:1]), 1)))
     lost = np.isnan(runs[0].predicted).all(axis=1)
     assert runs[0].pipeline.run_status().divergences == lost.sum() > 0
     # The chain begins from rest after each, so nothing counts from the first one to the end of the record.
@@ -620,7 +623,8 @@ def test_a_model_beyond_its_range_predicts_nan_and_restarts() -> None:
     assert abs(int(np.argmax(lost)) - int(np.argmax(stretch > MAX_STRETCH_M))) <= 1
     for other in runs[1:]:
         np.testing.assert_array_equal(other.predicted, runs[0].predicted)
-        assert other.exposure == runs[0].exposure
+        assert other.exposure.predicted == runs[0].exposure.predicted
+    assert runs[1].exposure == runs[0].exposure
 
 
 def _low_passed(stream: ImuStream) -> np.ndarray:
@@ -671,7 +675,7 @@ def test_nothing_is_compiled_after_the_warm_up() -> None:
     compiled = [getattr(kernels, name) for name in kernels.__all__ if hasattr(getattr(kernels, name), "signatures")]
     before = [list(kernel.signatures) for kernel in compiled]
     assert len(compiled) >= 10
-    run(noisy_streams(), in_turn(noisy_streams(), 1)[:30000])
+    run(noisy_streams(), in_turn(noisy_streams(), 1)[:15000])
     run(noisy_streams(), in_turn(noisy_streams(), 333))
     assert [list(kernel.signatures) for kernel in compiled] == before
 
@@ -682,7 +686,7 @@ def test_a_slow_seat_is_reported(step: int, told: list[str]) -> None:
         dataclasses.replace(
             one, stamps_ns=one.stamps_ns[::step], accel_mps2=one.accel_mps2[::step], gyro_radps=one.gyro_radps[::step]
         )
-        for one in independent_streams(6.0)
+        for one in independent_streams()
     ]
     pipeline = run(streams, in_turn(streams)).pipeline
     lines = sensor_warnings(pipeline, SENSORS)

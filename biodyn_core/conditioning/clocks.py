@@ -132,12 +132,11 @@ def _batch_end(reference_ns: Integers) -> int | None:
     """End of the first batch, None while it is incomplete; slight disorder of the reference ends none."""
     if reference_ns.size == 0:
         return None
-    batch = reference_ns // _BATCH_NS
+    batch = reference_ns[:_BATCH_SAMPLES] // _BATCH_NS  # a look at all that wait would take a square of their number
     ends = np.flatnonzero((batch > batch[0]) | (batch < batch[0] - 1))
-    end = int(ends[0]) if ends.size else reference_ns.size
-    if end >= _BATCH_SAMPLES:
-        return _BATCH_SAMPLES
-    return end if ends.size else None
+    if ends.size:
+        return int(ends[0])
+    return _BATCH_SAMPLES if batch.size == _BATCH_SAMPLES else None
 
 
 def _lowest(reference_ns: Integers, lags_ns: Integers) -> tuple[int, list[_Point]]:
