@@ -1,4 +1,4 @@
-"""Events with a hidden effect, integrated by the Runge-Kutta method from full matrices, all events of a body at once."""
+"""Events with a hidden effect, integrated by the Runge-Kutta method from full matrices, all of a body at once."""
 
 from __future__ import annotations
 
