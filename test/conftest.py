@@ -1,5 +1,6 @@
 """Shared by all tests: a ROS domain on localhost, hypothesis without deadlines, and the shared recordings."""
 
+import itertools
 import os
 import signal
 import sys
@@ -96,7 +97,13 @@ def cluster(request: pytest.FixtureRequest) -> Iterator[str]:
         yield local.scheduler_address
 
 
+_TESTS = itertools.count()
+
+
 @pytest.fixture(autouse=True)
-def _state_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No live node of a test continues the exposure of another test or of the user."""
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+def _state_of_its_own(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No live node of a test continues the exposure of another test or of the user.
+
+    The directory is named and not made: few tests need one, and a tmp_path for each of them takes seconds.
+    """
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path_factory.getbasetemp() / f"state_{next(_TESTS)}"))

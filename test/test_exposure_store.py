@@ -320,9 +320,7 @@ def test_a_killed_node_continues_as_a_lower_bound(tmp_path: Path) -> None:
     streams = noisy_streams(5.0)
     given = ("--ros-args", "-p", f"state_file:={path}")
     with ros_graph() as graph:
-        tester = graph.node()
-        vdv = graph.collect(tester, Float64, "/biodyn/exposure/seat/vdv")
-        diagnostics = graph.collect(tester, DiagnosticArray, topics.DIAGNOSTICS)
+        vdv = graph.collect(graph.node(), Float64, "/biodyn/exposure/seat/vdv")
         sensors = Sensors(graph, SENSORS, streams)
         with child(graph, "live", *given) as live:
             graph.wait(sensors.matched, "six inputs matched", STARTUP_S)
@@ -333,9 +331,12 @@ def test_a_killed_node_continues_as_a_lower_bound(tmp_path: Path) -> None:
             before, reached = vdv[-1].data, newest(path)
             live.send_signal(signal.SIGKILL)
             live.wait(20)
-        graph.wait(lambda: not sensors.matched(), "it is gone", 60.0)
-        sensors.leave_out(6 * 1130)  # a second passes
-        vdv.clear()
+    with ros_graph() as graph:  # another: DDS needs many seconds to miss a node that was killed
+        tester = graph.node()
+        vdv = graph.collect(tester, Float64, "/biodyn/exposure/seat/vdv")
+        diagnostics = graph.collect(tester, DiagnosticArray, topics.DIAGNOSTICS)
+        sensors = Sensors(graph, SENSORS, streams)
+        sensors.leave_out(6 * (3000 + 1130))  # a second passes
         with child(graph, "live", *given) as live:
             graph.wait(sensors.matched, "six inputs matched again", STARTUP_S)
             graph.spin(0.5)
