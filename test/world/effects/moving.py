@@ -137,6 +137,12 @@ def _by_kind(parties: Sequence[Party], parts: Sequence[slice]) -> Iterator[list[
         yield [member for member in members if type(member[0]) is kind]
 
 
+def _in_body(effect: Effect) -> bool:
+    """Whether an effect can change the motion of the body other than by its seat."""
+    kind = type(effect)
+    return effect.states > 0 or kind.act is not Effect.act or kind.offset is not Effect.offset
+
+
 class _Acting:
     """One effect of one party: its rows, its states' place behind the bodies', its moment and its memory."""
 
@@ -151,10 +157,15 @@ class _Acting:
         self.now.person = party.person
         self.memory = np.zeros((2, halves // 2 + 2, *self.shape)) if effect.delay_s else None
 
-    def look(self, half: int, x: Floats, v: Floats, base: Floats) -> None:
-        """Take in what is known before the joints pull."""
+    def see(self, flow: _Flow) -> None:
+        """Look at the own rows of a flow, which writes each state of the body into the same arrays."""
         now = self.now
-        now.x, now.v, now.base_mps2, now.signal = x[self.rows], v[self.rows], base[self.rows], self.signals[half]
+        now.x, now.v, now.stretch, now.rate = flow.seen[:, self.rows]
+        now.joint_n, now.up_n, now.base_mps2 = flow.joint[self.rows], flow.up[self.rows], flow.base_now[self.rows]
+
+    def look(self, half: int) -> None:
+        """Take in what is known before the joints pull."""
+        now, now.signal = self.now, self.signals[half]
         since_s = 0.5 * half * STEP_S
         now.time_s = self.begin_s + since_s
         now.share, now.moving_s = now.time_s / self.whole_s, since_s - REST_S[0]
@@ -211,7 +222,7 @@ class _Flow:
         self.acting: list[_Acting] = []
         self.size = 12 * self.rows
         for party, rows in zip(parties, self.parts, strict=True):
-            for effect in party.effects:
+            for effect in filter(_in_body, party.effects):
                 self.acting.append(_Acting(effect, party, rows, self.size, len(self.base)))
                 self.size += len(party.events) * effect.states
         self.merged: list[_Merged] = []
@@ -219,34 +230,38 @@ class _Flow:
             self.merged.append(_Merged(members, self.size, len(self.base)))
             self.size = self.merged[-1].place.stop
         self.upward, self.seen = np.empty((self.rows, 6)), np.empty((4, self.rows, 6))
+        self.joint, self.up = np.empty((2, self.rows, 6))
+        self.base_now = np.empty(self.rows)
         self.stretch, self.rate = self.seen[2:]
+        for one in self.acting:
+            one.see(self)
 
     def slope(self, half: int, state: Floats, out: Floats) -> None:
         """The state's rate after so many half steps; leaves stretch, rate and upward acceleration behind."""
         middle = 6 * self.rows
-        x, v = state[:middle].reshape(-1, 6), state[middle : 2 * middle].reshape(-1, 6)
-        stretch, rate, base = self.stretch, self.rate, self.base[half]
+        x, v, stretch, rate = self.seen
+        x[:], v[:] = state[: 2 * middle].reshape(2, -1, 6)
+        base, joint, up = self.base_now, self.joint, self.up
+        base[:] = self.base[half]
         stretch[:, 0], rate[:, 0] = x[:, 0], v[:, 0]
         np.subtract(x[:, 1:], x[:, :-1], out=stretch[:, 1:])
         np.subtract(v[:, 1:], v[:, :-1], out=rate[:, 1:])
         for one in self.acting:
-            one.look(half, x, v, base)
+            one.look(half)
             moved = one.effect.offset(one.now, state[one.place].reshape(one.shape))
             if moved:
                 stretch[one.rows, moved[0]] += moved[1]
                 rate[one.rows, moved[0]] += moved[2]
-        joint = self._joints(stretch, rate)
-        behind = self._behind(half, x, v, base, state, out) if self.merged else None
+        joint[:] = self._joints(stretch, rate)
+        behind = self._behind(half, base, state, out) if self.merged else None
         if behind is not None:
             joint += behind[:, :6]
-        up = -joint
+        np.negative(joint, out=up)
         up[:, :-1] += joint[:, 1:]
         if behind is not None:
             up += behind[:, 6:]
         for one in self.acting:
-            now = one.now
-            now.stretch, now.rate, now.joint_n, now.up_n = (a[one.rows] for a in (stretch, rate, joint, up))
-            own = one.effect.act(now, state[one.place].reshape(one.shape))
+            own = one.effect.act(one.now, state[one.place].reshape(one.shape))
             if own is not None:
                 out[one.place] = own.ravel()
         np.multiply(up, self.per_kg, out=self.upward)
@@ -254,9 +269,9 @@ class _Flow:
         out[:middle] = state[middle : 2 * middle]
         np.subtract(self.upward, base[:, None], out=out[middle : 2 * middle].reshape(-1, 6))
 
-    def _behind(self, half: int, x: Floats, v: Floats, base: Floats, state: Floats, out: Floats) -> Floats:
+    def _behind(self, half: int, base: Floats, state: Floats, out: Floats) -> Floats:
         """Tensions of the joints and pushes on the segments (rows, 12) of the mechanisms."""
-        self.seen[0], self.seen[1], forces = x, v, np.zeros((self.rows, 12))
+        forces = np.zeros((self.rows, 12))
         for one in self.merged:
             own = one.act(half, self.seen, base, forces, state[one.place])
             if own is not None:
