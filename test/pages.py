@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import html
 import re
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from html.parser import HTMLParser
+from importlib import import_module
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
+from biodyn_ros.reports import drawing
 
 NASTY = "/data/<script>alert('x')</script> & \"rail\" $x$.mcap"
 VOID = {"meta", "br", "path", "use", "rect", "link", "hr", "img"}
@@ -91,9 +95,9 @@ def assert_self_contained(source: str) -> None:
     assert not re.search(r"https?://", re.sub(r'xmlns(:\w+)?="[^"]*"', "", source))
     assert not re.search(r"@import|<script|<link|src=|url\((?!#)", source)
     assert all(link.startswith(("#", "data:image/png;base64,")) for link in re.findall(r'xlink:href="([^"]*)', source))
-    for drawing in re.findall(r"<svg.*?</svg>", source, flags=re.DOTALL):
-        own = set(re.findall(r' id="([^"]+)"', drawing))
-        assert set(re.findall(r'(?:href="|url\()#([^")]+)', drawing)) <= own
+    for svg in re.findall(r"<svg.*?</svg>", source, flags=re.DOTALL):
+        own = set(re.findall(r' id="([^"]+)"', svg))
+        assert set(re.findall(r'(?:href="|url\()#([^")]+)', svg)) <= own
     assert len(source) < 1_500_000
 
 
@@ -102,18 +106,25 @@ def svg_text(svg: str) -> str:
     return " | ".join(html.unescape(text) for text in re.findall(r"<text[^>]*>([^<]*)</text>", svg))
 
 
+@cache
+def _drawing_modules() -> list[Any]:
+    """The modules with figures; commands import them when they write a page."""
+    package = Path(drawing.__file__).parents[1]
+    paths = [path for path in sorted(package.rglob("*.py")) if re.search(r"\bdrawn\(", path.read_text("utf-8"))]
+    modules = [import_module(".".join(path.relative_to(package.parent).with_suffix("").parts)) for path in paths]
+    return [module for module in modules if module is not drawing and getattr(module, "drawn", None) is drawing.drawn]
+
+
 @contextmanager
 def no_drawings() -> Iterator[None]:
     """Empty drawings of which no figure is made, for tests of texts alone."""
-    from biodyn_ros.reports import drawing
 
     def empty(width_in: float, height_in: float, fill: object) -> Any:
         return drawing.drawn(width_in, height_in, lambda figure: None)
 
     with empty_drawings(), pytest.MonkeyPatch.context() as patch:
-        for module in [one for name, one in sys.modules.items() if name.startswith("biodyn_ros.")]:
-            if module is not drawing and getattr(module, "drawn", None) is drawing.drawn:
-                patch.setattr(module, "drawn", empty)
+        for module in _drawing_modules():
+            patch.setattr(module, "drawn", empty)
         yield
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from pages import empty_drawings
+from pages import no_drawings
 from streams import subject
 from trident import capture_u_files, shock
 
@@ -35,7 +35,8 @@ SMALL = {
     "fit": ["--particles", "4", "--iterations", "2", "--starts", "1", "--refined-starts", "1", "--evaluations", "5"],
     "trace": ["--replicates", "20", "--refined", "2", "--generalised", "1"],
 }
-"""Options that make recordings and searches small; all else is as the page has it, the executor where it is given."""
+"""Options that make recordings and searches small; all else is as the page has it, also the executor where it is given,
+but with one process."""
 
 Capture = pytest.CaptureFixture[str]
 
@@ -75,7 +76,7 @@ def run(text: str, capsys: Capture) -> None:
     for line in text.strip().splitlines():
         command, _, target = line.partition(">")
         capsys.readouterr()
-        with empty_drawings():
+        with no_drawings():
             code = main(arguments_of(command))
         output = capsys.readouterr()
         assert code == 0, f"{line}\n{output.err}"
@@ -110,7 +111,7 @@ def arguments_of(command: str) -> list[str]:
     assert program == "biodyn"
     if arguments[0] in ("fit", "trace") and "--executor" not in arguments:
         arguments += ["--executor", "none"]
-    return [*arguments, *SMALL.get(arguments[0], [])]
+    return [*("processes:1" if word == "processes" else word for word in arguments), *SMALL.get(arguments[0], [])]
 
 
 def expanded(word: str) -> list[str]:

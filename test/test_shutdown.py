@@ -88,7 +88,9 @@ def test_spinning_ends_though_messages_never_stop_waiting(graph: Graph) -> None:
 
 _HANGING_PAGE = """
 import sys, time
+from biodyn_ros.base import shutdown
 from biodyn_ros.node import live
+shutdown.TIMEOUT_S = 2.0
 live.BiodynNode._end_page = lambda self: time.sleep(600)
 sys.exit(live.main(sys.argv[1:]))
 """
@@ -114,5 +116,5 @@ def test_a_live_node_whose_page_hangs_keeps_its_exposure_and_names_the_page(grap
     finally:
         live.kill()
     assert live.returncode == 1
-    assert errors == "biodyn live: the page has not ended 5 s after SIGTERM: the process is ended\n"
+    assert errors == "biodyn live: the page has not ended 2 s after SIGTERM: the process is ended\n"
     assert newest(path) > streams[0].stamps_ns[3000]

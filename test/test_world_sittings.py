@@ -26,7 +26,7 @@ from biodyn_core.identification.settings import FitSettings
 from biodyn_ros.reading.recordings import read_recordings
 
 QUICK = FitSettings(swarm=SwarmSettings(particles=30, iterations=60, starts=2), evaluations=600)
-BRIEF = sitting.Plan(counts=(1, 1, 1), seconds=(2.5, 2.5, 2.5), uses=("fit",), recorded=False)
+BRIEF = sitting.Plan(counts=(1, 1, 1), seconds=(1.2, 2.5, 2.5), uses=("fit",), recorded=False)
 
 
 @cache
@@ -55,7 +55,7 @@ def test_events_are_drawn_again_until_each_use_has_a_hard_one(brief_rest: None) 
     free = sitting.Plan(counts=(0, 3, 0), seconds=(0.0, 2.6, 0.0), uses=("fit", "held"), recorded=False)
     hard = dataclasses.replace(free, hardest_mps2=2.0 * GRAVITY_MPS2)
     kept = []
-    for seed in range(8):
+    for seed in range(5):
         once, planned = (sitting._planned(plan, np.random.default_rng(seed)) for plan in (free, hard))
         for use in hard.uses:
             peaks = [np.abs(one.event.accel_mps2[:, 2]).max() for one in planned if one.use == use]
@@ -103,10 +103,10 @@ def test_bags_have_six_topics_without_the_truth(brief_rest: None, tmp_path: Path
         header = reader.get_header()
     assert {c.topic for c in summary.channels.values()} == {f"imu/{name}/data" for name in ride.WORN}
     assert (header.profile, header.library) == ("ros2", "")
-    raw = paths[0].read_bytes() + b"".join(message.data for _, _, message in messages)
+    raw = (paths[0].read_bytes() + b"".join(message.data for _, _, message in messages)).lower()
     for word in forbidden:
         assert word.lower() not in words.lower()
-        assert len(word) < 5 or word.lower().encode() not in raw.lower(), word
+        assert len(word) < 5 or word.lower().encode() not in raw, word
     stamps, force, gyro = one.streams(0)["seat"]
     first = next(message for _, channel, message in messages if channel.topic == "imu/seat/data")
     values = np.frombuffer(first.data[20:], "<f8")
