@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import re
@@ -10,6 +11,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +22,9 @@ from trident import capture_u_files, shock
 
 from biodyn_core.body.subject import load_subject
 from biodyn_core.body.synthesis import SensorSettings
+from biodyn_core.identification.fit import fit_joint
+from biodyn_core.identification.phase1 import SwarmSettings
+from biodyn_core.tracing import trace
 from biodyn_ros.base.environment import hold_domain
 from biodyn_ros.base.resources import bag_file, subject_file
 from biodyn_ros.commands.cli import main, parsed
@@ -56,8 +61,21 @@ def desk(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.fixture
+def small_refits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A trace refits theta by a small search, for which the command has no option."""
+
+    def refitted(train: Any, subject: Any, seed: int, settings: Any, parallel: Any) -> Any:
+        small = dataclasses.replace(settings, refined_starts=1, evaluations=20, swarm=SwarmSettings(8, 4, starts=1))
+        return fit_joint(train, subject, seed, small, parallel)
+
+    monkeypatch.setattr(trace, "fit_joint", refitted)
+
+
 @pytest.mark.timeout(900)
-def test_the_guide_can_be_followed(desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+def test_the_guide_can_be_followed(
+    small_refits: None, desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
     monkeypatch.chdir(desk)
     for kind, text in BLOCKS:
         if kind == "yaml":
@@ -160,7 +178,7 @@ def test_every_command_of_every_page_is_parsed(line: str) -> None:
 
 @pytest.mark.timeout(900)
 def test_the_commands_of_the_tracing_protocol_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+    small_refits: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     cases = ("road", "rail")
     drives = [f"{day}/{case}_{k}" for day in ("base", "null") for case in cases for k in (1, 2)]

@@ -21,7 +21,7 @@ from urllib.parse import urlsplit
 import pytest
 import yaml
 from provenances import with_spread
-from ros import STARTUP_S, child
+from ros import STARTUP_S, child, ros_graph
 from streams import noisy_streams, subject, write_bag
 
 from biodyn_core.body.synthesis import ImuStream
@@ -110,15 +110,31 @@ class Browser:
             self.page.wait_for_timeout(50)
 
 
-@pytest.fixture
-def browser() -> Iterator[Browser]:
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as driver:
         # Without a sandbox of its own, because tests may run as root, and look at our own page alone.
-        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield Browser(chromium.new_page(viewport=dict(zip(("width", "height"), SIZES["desk"], strict=True))))
-        chromium.close()
+        started = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield started
+        started.close()
+
+
+@pytest.fixture
+def browser(chromium: Any) -> Iterator[Browser]:
+    """A page with a session of its own."""
+    page = chromium.new_page(viewport=dict(zip(("width", "height"), SIZES["desk"], strict=True)))
+    yield Browser(page)
+    page.close()
+
+
+@pytest.fixture(scope="module")
+def without_node() -> Iterator[str]:
+    """The address of a page that waits for a node."""
+    port = free_port()
+    with ros_graph() as graph, child(graph, "page", "--node", "/nobody", "--page-port", str(port)):
+        yield f"http://127.0.0.1:{port}/"
 
 
 def node_arguments(port: int, subject_file: Path, yaw: str = "0.0") -> list[str]:
@@ -426,22 +442,20 @@ DRAWN = """() => {
 }"""
 
 
-def test_measured_is_seen_under_a_prediction_that_equals_it_and_no_label_lies_on_the_curves(graph, browser):
-    port = free_port()
-    with child(graph, "page", "--node", "/nobody", "--page-port", str(port)):
-        reached(browser, f"http://127.0.0.1:{port}/")
-        for scheme in ("light", "dark"):
-            browser.page.emulate_media(color_scheme=scheme)
-            for width in (1280, 400):
-                browser.page.set_viewport_size({"width": width, "height": 800})
-                drawn = browser.page.evaluate(DRAWN)
-                measured, predicted = drawn["count"]["--measured"], drawn["count"]["--predicted"]
-                assert min(measured, predicted) > 0.3 * max(measured, predicted) > 100, (scheme, width, drawn["count"])
-                xs, ys = zip(*drawn["points"], strict=True)
-                assert len(drawn["words"]) >= 6
-                for text, left, right, top, bottom in drawn["words"]:
-                    beside = right <= min(xs) or left >= max(xs) or bottom <= min(ys) or top >= max(ys)
-                    assert beside, (text, width)
+def test_measured_is_seen_under_a_prediction_that_equals_it_and_no_label_lies_on_the_curves(browser, without_node):
+    reached(browser, without_node)
+    for scheme in ("light", "dark"):
+        browser.page.emulate_media(color_scheme=scheme)
+        for width in (1280, 400):
+            browser.page.set_viewport_size({"width": width, "height": 800})
+            drawn = browser.page.evaluate(DRAWN)
+            measured, predicted = drawn["count"]["--measured"], drawn["count"]["--predicted"]
+            assert min(measured, predicted) > 0.3 * max(measured, predicted) > 100, (scheme, width, drawn["count"])
+            xs, ys = zip(*drawn["points"], strict=True)
+            assert len(drawn["words"]) >= 6
+            for text, left, right, top, bottom in drawn["words"]:
+                beside = right <= min(xs) or left >= max(xs) or bottom <= min(ys) or top >= max(ys)
+                assert beside, (text, width)
 
 
 BANDED = """() => {
@@ -463,28 +477,24 @@ BANDED = """() => {
 }"""
 
 
-def test_the_interval_is_a_band_around_the_prediction_while_it_is_known(graph, browser):
-    port = free_port()
-    with child(graph, "page", "--node", "/nobody", "--page-port", str(port)):
-        reached(browser, f"http://127.0.0.1:{port}/")
-        for scheme in ("light", "dark"):
-            browser.page.emulate_media(color_scheme=scheme)
-            area, late = browser.page.evaluate(BANDED)
-            # Half of the time, from -2 to 2 on axes from -4.4 to 4.4, but for the measurement and the lines.
-            assert 0.8 * 0.5 * 4.0 / 8.8 < area < 0.5 * 4.0 / 8.8
-            assert late < 0.01
+def test_the_interval_is_a_band_around_the_prediction_while_it_is_known(browser, without_node):
+    reached(browser, without_node)
+    for scheme in ("light", "dark"):
+        browser.page.emulate_media(color_scheme=scheme)
+        area, late = browser.page.evaluate(BANDED)
+        # Half of the time, from -2 to 2 on axes from -4.4 to 4.4, but for the measurement and the lines.
+        assert 0.8 * 0.5 * 4.0 / 8.8 < area < 0.5 * 4.0 / 8.8
+        assert late < 0.01
 
 
-def test_without_the_token_the_page_is_read_only(graph, browser):
-    port = free_port()
-    with child(graph, "page", "--node", "/nobody", "--page-port", str(port)):
-        reached(browser, f"http://127.0.0.1:{port}/")
-        assert browser.page.is_disabled("#mark")
-        assert browser.page.is_disabled("#reset")
-        assert "open the link" in browser.text("#reply")
-        browser.page.wait_for_timeout(2000)
-        assert browser.text("#headline") == "Waiting for the node"
-        assert browser.page.evaluate("document.body.dataset.tone") == "none"
+def test_without_the_token_the_page_is_read_only(browser, without_node):
+    reached(browser, without_node)
+    assert browser.page.is_disabled("#mark")
+    assert browser.page.is_disabled("#reset")
+    assert "open the link" in browser.text("#reply")
+    browser.page.wait_for_timeout(2000)
+    assert browser.text("#headline") == "Waiting for the node"
+    assert browser.page.evaluate("document.body.dataset.tone") == "none"
     assert browser.complaints == []
 
 
