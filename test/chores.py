@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 from collections import Counter
+from concurrent.futures import BrokenExecutor
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +22,9 @@ from biodyn_ros.fit.campaign_results import SubjectFit
 from biodyn_ros.fit.fitting import FitOptions
 from biodyn_ros.work.executors import executor_of
 from biodyn_ros.work.tasks import Work
+
+if TYPE_CHECKING:
+    from biodyn_ros.subject.people import Person  # the other work does not need all that it imports
 
 NAMES = ("search a", "search b", "search c", "search d")
 PROBLEM = "the four letters"
@@ -57,6 +63,11 @@ def die(cases: list[str]) -> Search:
     os._exit(3)
 
 
+def lose(cases: list[str]) -> Search:
+    """A search with the error of a process that has ended, without ending this one."""
+    raise BrokenExecutor
+
+
 def counted(shared: list[str], item: str) -> tuple[str, int]:
     """The item, and the number of items that this copy of the shared list has received."""
     shared.append(item)
@@ -79,6 +90,17 @@ def fitted(entry: Entry) -> SubjectFit:
     """The result of a fit."""
     document = {"seconds": 1.0, "cases": [{"joint": {"mean": 2.0}}]}
     return SubjectFit(f"{entry.name} 0", document, entry.subject.to_yaml(), 1.0, 2.0)
+
+
+def make_or_die_once(person: Person, directory: Path, options: object) -> dict[str, object]:
+    """In the place of `make_person`; the first worker of Ben is killed while it works."""
+    directory.mkdir(exist_ok=True)
+    mark = directory.parent / "died"
+    if person.name == "ben" and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    (directory / "made").write_text(person.name)
+    return {"steps": [], "uses": {}}
 
 
 def main() -> int:

@@ -57,7 +57,7 @@ def answers(seats: Floats, law: Law) -> Floats:
         def slope(t: float, y: Floats, before: Floats = before, rise: Floats = rise) -> Floats:
             return np.stack([y[1], acceleration(*y, before + rise * t)])
 
-        y = naive.stepped(slope, y, step, 3)
+        y = naive.stepped(slope, y, step, 2)  # to 1e-3 m/s^2 rms, less than a tenth of the noise
         out[:, n] = acceleration(*y, seats[:, n]) + seats[:, n, None]
     return out
 
@@ -157,10 +157,14 @@ def seats() -> Floats:
 @cache
 def answered() -> Floats:
     """Absolute accelerations (laws, EVENTS, n, 6) of the true body with every law in turn."""
+    rows = {law: slice(EVENTS * number, EVENTS * (number + 1)) for number, law in enumerate(LAWS)}
+    del rows[plain]
 
     def each(stretch: Floats, rate: Floats) -> Floats:
-        parts = [values.reshape(len(LAWS), EVENTS, 6) for values in (stretch, rate)]
-        return np.concatenate([law(d, r) for law, d, r in zip(LAWS, *parts, strict=True)])
+        out = np.zeros_like(stretch)
+        for law, of_law in rows.items():
+            out[of_law] = law(stretch[of_law], rate[of_law])
+        return out
 
     return answers(np.tile(seats(), (len(LAWS), 1)), each).reshape(len(LAWS), EVENTS, -1, 6)
 

@@ -1,4 +1,4 @@
-"""A short session as a bag: four drives of 12 s between rests of 5 s, made by the model."""
+"""A short session as a bag: drives between rests of 5 s, made by the model."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ CASES = ("road", "pothole", "rail", "road")
 REST_S = 5.0
 
 
-def session_bag(path: Path, seed: int = 4, cases: tuple[str, ...] = CASES) -> Path:
+def session_bag(path: Path, seed: int = 4, cases: tuple[str, ...] = CASES, drive_s: float = 12.0) -> Path:
     """Write the bag of a session."""
     rate_hz = 4 * 1129.3
     count = round(rate_hz * REST_S)
     still = SeatMotion(rate_hz, np.zeros((count, 3)), np.zeros(count))
-    drives = [motion_of_cases([case], 12.0, number) for number, case in enumerate(cases)]
+    drives = [motion_of_cases([case], drive_s, number) for number, case in enumerate(cases)]
     parts = [still, *(part for drive in drives for part in (drive, still))]
     motion = SeatMotion(
         rate_hz,

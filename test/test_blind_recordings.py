@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,11 @@ from blind.training.traced import TracedBody
 PLAN = Plan((9, 9, 9), (0.2, 4.0, 4.0), SETTINGS.uses, recorded=False)
 
 
+BRIEF = dataclasses.replace(SETTINGS, counts=((1, 1),) * 3, seconds=((2.0, 2.0),) * 3, levels=())
+"""Settings of bodies of which only the effects are looked at."""
+
+
+@cache
 def sitting() -> Sitting:
     """A sitting that is not simulated: every event has its place as its motion."""
     draft = draft_of(3, 7, PLAN, np.random.default_rng(1))
@@ -74,7 +80,7 @@ def test_every_body_has_an_example_of_each_amount(monkeypatch: pytest.MonkeyPatc
     wild = dataclasses.replace(sitting(), hidden=tuple(np.array([np.nan]) for _ in sitting().events))
     monkeypatch.setattr(recordings, "traced", traced)
     monkeypatch.setattr(recordings, "sittings", lambda *_: iter([sitting(), wild]))
-    first, second = made([5, 6], 7)
+    first, second = made([5, 6], 7, BRIEF)
     assert [count for count, _ in seen] == [len(recorded(sitting(), amount).events) for amount in AMOUNTS]
     assert list(first) == [amount.name for amount in AMOUNTS]
     for one, (_, cause) in zip(first.values(), seen, strict=True):

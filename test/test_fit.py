@@ -37,7 +37,7 @@ from biodyn_ros.reading.events import BagEvent
 from biodyn_ros.reading.provenance import Source, bag_sha256, role_of, source_of
 
 SUBJECT = subject()
-QUICK = FitSettings(swarm=SwarmSettings(particles=20, iterations=30, starts=2), refined_starts=1, evaluations=200)
+QUICK = FitSettings(swarm=SwarmSettings(particles=12, iterations=15, starts=1), refined_starts=1, evaluations=100)
 SMALL = [
     "--particles", "10", "--iterations", "10", "--starts", "1", "--refined-starts", "1", "--evaluations", "40",
     "--no-report",

@@ -38,7 +38,7 @@ from biodyn_core.population.distribution import SPREAD, Distribution, places_of,
 from biodyn_core.population.population import new_subject, population
 from biodyn_ros.commands.cli import main
 
-QUICK = FitSettings(swarm=SwarmSettings(particles=20, iterations=30, starts=2), refined_starts=1, evaluations=400)
+QUICK = FitSettings(swarm=SwarmSettings(particles=12, iterations=20, starts=2), refined_starts=1, evaluations=400)
 SMALL = [
     "--particles", "12", "--iterations", "10", "--starts", "1", "--refined-starts", "1", "--evaluations", "60",
     "--no-report", "--executor", "none",
@@ -163,7 +163,7 @@ def test_the_maximum_is_that_of_the_linear_problem_near_the_fit() -> None:
 
 def test_the_covariance_is_that_of_data_and_prior_together() -> None:
     """White noise: (H / variance + precision of the prior)^-1; the scatter of the data is estimated by windows."""
-    case, truth = recorded("road", 8.0)[1], people()[1]
+    case, truth = recorded("road", 6.0)[1], people()[1]
     alone = fit_joint([case], truth, 1, QUICK)
     found = maximum_a_posteriori(alone, [case], PRIOR)
     assert found.prior is not None
@@ -217,8 +217,9 @@ def test_the_number_of_known_parameters_falls_with_the_weight_of_the_prior() -> 
 
 def test_an_identification_keeps_the_fit_without_prior_for_comparisons() -> None:
     cases = [of_head(recorded("road", 4.0)[0])]
-    found = identify(cases, GIVEN, 1, dataclasses.replace(QUICK, prior="population"))
-    plain = identify(cases, GIVEN, 1, QUICK)
+    few = dataclasses.replace(QUICK, swarm=SwarmSettings(particles=8, iterations=5, starts=1), evaluations=30)
+    found = identify(cases, GIVEN, 1, dataclasses.replace(few, prior="population"))
+    plain = identify(cases, GIVEN, 1, few)
     assert found.without_prior.subject == plain.joint.subject != found.joint.subject == found.subject
     assert plain.joint is plain.without_prior and plain.joint.prior is None
     assert found.better_mass_matrix(cases) == plain.better_mass_matrix(cases)

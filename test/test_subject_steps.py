@@ -5,13 +5,12 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import os
 import shutil
-import signal
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import chores
 import pytest
 import yaml
 from listed import assert_listed
@@ -30,12 +29,11 @@ from biodyn_core.tracing.settings import TraceSettings
 from biodyn_ros.base.progress import silent
 from biodyn_ros.base.resources import subject_file
 from biodyn_ros.commands.cli import main
-from biodyn_ros.events.finding import find_events
+from biodyn_ros.events.finding import SessionOptions
 from biodyn_ros.fit import fitting
 from biodyn_ros.fit.fitting import FitOptions
 from biodyn_ros.fit.report import Report
 from biodyn_ros.fit.summary import FitSummary, summary_of
-from biodyn_ros.reading.events_file import write_events
 from biodyn_ros.reading.parts import BagPart
 from biodyn_ros.reading.provenance import role_of, source_of
 from biodyn_ros.reports.verdict import Verdict
@@ -53,19 +51,23 @@ from biodyn_ros.trace.tracing import TraceOptions
 from biodyn_ros.work.executors import executor_of
 
 CLUSTER_WORKERS = 1
+DRIVE_S = 8.0
+"""Every event of a short session reads the whole bag, and half of the seconds take a quarter of the time."""
 SUBJECT = load_subject(subject_file("subject_1"))
 UNKNOWN = dataclasses.replace(SUBJECT, name="anna", parameters=UNFITTED)
 QUICK = FitSettings(swarm=SwarmSettings(particles=10, iterations=10, starts=1), refined_starts=1, evaluations=20)
 # The session is too short for a verdict, so the refit is all that a trace computes.
 REFIT = dataclasses.replace(QUICK, phase1="pooled", clocks="trusted")
+SESSION = SessionOptions(session=SessionSettings(steady_least_s=6.0))
 OPTIONS = SubjectOptions(
-    fit=FitOptions(settings=QUICK), trace=TraceOptions(settings=TraceSettings(base=REFIT)), report=False
-)
+    session=SESSION, fit=FitOptions(settings=QUICK), trace=TraceOptions(settings=TraceSettings(base=REFIT)),
+    report=False,
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return session_bag(tmp_path_factory.mktemp("session") / "session.mcap")
+    return session_bag(tmp_path_factory.mktemp("session") / "session.mcap", drive_s=DRIVE_S)
 
 
 def make(
@@ -128,7 +130,7 @@ def roads(tmp_path_factory: pytest.TempPathFactory) -> Roads:
         raise KeyboardInterrupt
 
     place = tmp_path_factory.mktemp("roads")
-    bag, directory = session_bag(place / "roads.mcap", cases=("road", "road", "road")), place / "made"
+    bag, directory = session_bag(place / "roads.mcap", cases=("road", "road", "road"), drive_s=DRIVE_S), place / "made"
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(making, "fit_bags", interrupted)
         with pytest.raises(KeyboardInterrupt):
@@ -334,7 +336,8 @@ def test_a_failed_repeat_forgets_no_finished_step_and_no_edited_events(made: Mad
     _, lines = make(bag, directory)
     assert lines == [f"{name}: done, used again" for name in ("events", "fit", "validate", "trace")]
     assert path.read_text() == edited
-    other = dataclasses.replace(OPTIONS.session, session=SessionSettings(shock_g=0.81))
+    finer = dataclasses.replace(SESSION.session, shock_g=0.81)
+    other = dataclasses.replace(OPTIONS.session, session=finer)
     _, lines = make(bag, directory, options=dataclasses.replace(OPTIONS, session=other))
     assert lines[0] == "events: the earlier events.yaml is kept as events.earlier.yaml"
     assert (directory / "events.earlier.yaml").read_text() == edited != path.read_text()
@@ -520,32 +523,20 @@ def test_a_person_without_a_fit_has_failed(tmp_path: Path, monkeypatch: pytest.M
         check_failed(rows, tmp_path / "out")
 
 
-def killed_once(person: Person, directory: Path, options: SubjectOptions) -> dict[str, object]:
-    """In the place of `make_person`: finds the events of a road; the first worker of ben dies after that."""
-    directory.mkdir(exist_ok=True)
-    write_events([find_events(person.sessions[0], options.session)], directory / "events.yaml")
-    mark = directory.parent / "died"
-    if person.name == "ben" and not mark.exists():
-        mark.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return {"steps": [], "uses": {}}
-
-
-@pytest.fixture(scope="module")
-def road(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A session of one drive."""
-    return session_bag(tmp_path_factory.mktemp("road") / "road.mcap", cases=("road",))
-
-
-@pytest.mark.parametrize("where", ["processes:2", "cluster"])
+@pytest.mark.parametrize(
+    "where",
+    [
+        "processes:1",
+        pytest.param("cluster", marks=pytest.mark.slow),  # the same calls; test_work has a cluster
+    ],
+)
 def test_a_campaign_ends_complete_although_a_worker_is_killed(
-    road: Path, tmp_path: Path, where: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, where: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     address = request.getfixturevalue("cluster") if where == "cluster" else where
-    monkeypatch.setattr("biodyn_ros.subject.people.make_person", killed_once)
-    people = [Person(name, UNKNOWN, (str(road),), "seat") for name in ("anna", "ben")]
+    monkeypatch.setattr("biodyn_ros.subject.people.make_person", chores.make_or_die_once)
+    people = [Person(name, UNKNOWN, ("session.mcap",), "seat") for name in ("anna", "ben", "carl")]
     with executor_of(address) as executor:
         rows = make_people(people, tmp_path, OPTIONS, executor, lambda done, total: None)
-    assert (tmp_path / "died").exists() and [row.state for row in rows] == ["done", "done"]
-    one, other = ((tmp_path / name / "events.yaml").read_text() for name in ("anna", "ben"))
-    assert one == other
+    assert (tmp_path / "died").exists() and [row.state for row in rows] == ["done", "done", "done"]
+    assert [(tmp_path / name / "made").read_text() for name in ("anna", "ben", "carl")] == ["anna", "ben", "carl"]

@@ -46,7 +46,7 @@ SHORT = dataclasses.replace(
 
 PRIOR_SCALES = SHORT.local_fit.prior_scales
 
-FEW = ("gain", "clock", "skin", "quadratic_damping", "friction", "lift_off")
+FEW = ("gain", "clock", "skin", "quadratic_damping", "lift_off")
 
 
 def few(subject, cases):
@@ -59,8 +59,8 @@ def traced(change=hiding.nothing, law=hiding.plain) -> Trace:
     return _traced(change, law)
 
 
-SEARCHES: dict[tuple[hiding.Change, hiding.Law], list[rounds.Search]] = {}
-"""The searches of `traced`."""
+SEARCHES: dict[tuple[hiding.Change, hiding.Law], list[tuple[tuple[Any, ...], rounds.Search]]] = {}
+"""The searches of `traced`: what each was given, and what it found."""
 
 
 @cache
@@ -68,8 +68,8 @@ def _traced(change, law) -> Trace:
     cases, done = hiding.events(9, change, law), SEARCHES.setdefault((change, law), [])
 
     def search(*given: Any) -> rounds.Search:
-        done.append(rounds_search(*given))
-        return done[-1]
+        done.append((given, rounds_search(*given)))
+        return done[-1][1]
 
     rounds_search = rounds.search
     with mock.patch.object(rounds, "all_candidates", few), mock.patch.object(rounds, "search", search):
@@ -79,7 +79,7 @@ def _traced(change, law) -> Trace:
 def searched(change=hiding.nothing, law=hiding.plain) -> rounds.Search:
     """The first search of a trace."""
     traced(change, law)
-    return SEARCHES[change, law][0]
+    return SEARCHES[change, law][0][1]
 
 
 def held_out_events(found: Trace) -> list:
@@ -137,13 +137,23 @@ def test_errors_are_those_of_the_subjects_before_and_after() -> None:
 
 
 def test_held_out_events_do_not_influence_the_result_and_a_seed_repeats_it() -> None:
-    """Changed held-out events change their own errors alone."""
+    """Changed held-out events change their own errors alone; a search that is given the same finds the same."""
     cases, spoiled = hiding.events(9, hiding.louder), hiding.events(9, hiding.on_skin)
     same = traced(hiding.louder)
     aside = {event.name for event in held_out_events(same)}
     held_out = [spoiled[i] if cases[i].name in aside else cases[i] for i in range(3, 9)]
-    with mock.patch.object(rounds, "all_candidates", few):
+    searches = list(SEARCHES[hiding.louder, hiding.plain])
+
+    def search(subject: Subject, train: list[Case], choose: list[Case], *more: Any) -> rounds.Search:
+        (first, first_train, first_choose, *first_more), done = searches.pop(0)
+        assert (subject, more[:2]) == (first, tuple(first_more[:2]))
+        for ours, theirs in ((train, first_train), (choose, first_choose)):
+            assert all(one is other for one, other in zip(ours, theirs, strict=True))
+        return done
+
+    with mock.patch.object(rounds, "search", search):
         found = trace(cases[:3], held_out, hiding.TRUTH, SHORT, 1)
+    assert searches == []
     assert found.effects[0].values == same.effects[0].values and found.named_from == same.named_from
     assert [one.gain for one in found.rounds[0].ranking] == [one.gain for one in same.rounds[0].ranking]
     assert found.rounds[0].answers == same.rounds[0].answers
