@@ -200,7 +200,7 @@ def test_a_campaign_fits_each_subject_as_if_it_were_alone(field: Path, tmp_path:
     assert len(lines) == 4 and [line.split()[:2] for line in lines[1:]] == [[name, "done"] for name in PEOPLE]
 
 
-@pytest.mark.slow  # other processes, and a cluster, run the same calls in test_subject_steps and below
+@pytest.mark.slow  # processes run the same calls below, and test_work has a cluster
 def test_a_campaign_runs_on_a_cluster(field: Path, tmp_path: Path, alone, cluster: str) -> None:
     with executor_of(cluster) as executor:
         fit_campaign(load_campaign(field / "campaign.yaml"), tmp_path, QUICK, executor)
