@@ -106,12 +106,15 @@ def test_a_demo_whose_process_exits_ends_the_other_and_fails(
 
     monkeypatch.setattr(demo, "_child", child)
     monkeypatch.setattr(demo, "_wait_for_subscription", lambda observer, live: None)
-    assert main(["demo", "--out", str(tmp_path / "out")]) == 2
-    assert f"biodyn demo: {said} (exit code -9)" in capsys.readouterr().err
-    assert {name: process.poll() for name, process in started.items()} == {
-        "live": -signal.SIGKILL if which == "live" else -signal.SIGINT,
-        "play": -signal.SIGKILL if which == "play" else -signal.SIGINT,
-    }
+    try:
+        assert main(["demo", "--out", str(tmp_path / "out")]) == 2
+        assert f"biodyn demo: {said} (exit code -9)" in capsys.readouterr().err
+        ended = {"live": -signal.SIGINT, "play": -signal.SIGINT} | {which: -signal.SIGKILL}
+        assert {name: process.poll() for name, process in started.items()} == ended
+    finally:
+        for process in started.values():
+            process.kill()
+            process.wait()
 
 
 def test_an_unwritable_output_is_refused_before_the_start(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
