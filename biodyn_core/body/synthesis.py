@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import interpolate, signal
-from scipy.spatial.transform import Rotation
+import scipy
 
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
@@ -89,7 +88,7 @@ def load_case(name: str, seconds: float, rng: np.random.Generator, rate_hz: floa
     forward = 0.3 * _delayed(up, 0.03, rate_hz) + 0.15 * _shaped_noise(time, rate_hz, rng, 3.0)
     left = 0.15 * _shaped_noise(time, rate_hz, rng, 3.0)
     # The axles pass a bump one after the other, which pitches the vehicle: about 0.02 rad/s per m/s^2 below 5 Hz.
-    slow = signal.sosfiltfilt(signal.butter(2, 5.0, fs=rate_hz, output="sos"), _delayed(up, 0.05, rate_hz))
+    slow = scipy.signal.sosfiltfilt(scipy.signal.butter(2, 5.0, fs=rate_hz, output="sos"), _delayed(up, 0.05, rate_hz))
     fade = _fade(time, seconds)
     return SeatMotion(rate_hz, np.column_stack([forward, left, up]) * fade[:, None], 0.02 * slow * fade)
 
@@ -110,7 +109,7 @@ def imu_streams(
     streams = []
     for name in SENSORS:
         up = accel[:, 2] if name == SEAT else segments[:, SEGMENTS.index(name)]
-        truth = interpolate.CubicSpline(time, np.column_stack([accel[:, :2], up, pitch]), axis=0)
+        truth = scipy.interpolate.CubicSpline(time, np.column_stack([accel[:, :2], up, pitch]), axis=0)
         streams.append(_sensor(name, truth, float(time[-1]), settings, rng, start_ns))
     return streams
 
@@ -141,7 +140,8 @@ def _sensor(
         1e-3 * settings.clock_offset_ms * rng.standard_normal(),
     )
     state = truth((own_s - offset_s) / (1.0 + drift))
-    mounting = Rotation.from_euler("xyz", settings.tilt_deg * rng.standard_normal(3), degrees=True).as_matrix()
+    tilt_deg = settings.tilt_deg * rng.standard_normal(3)
+    mounting = scipy.spatial.transform.Rotation.from_euler("xyz", tilt_deg, degrees=True).as_matrix()
     force = state[:, :3] + [0.0, 0.0, STANDARD_GRAVITY_MPS2]
     spin = np.zeros((count, 3))
     spin[:, 1] = state[:, 3]
@@ -171,7 +171,7 @@ def _with_quiet(motion: SeatMotion, quiet_s: float) -> tuple[Floats, Floats, Flo
     if motion.rate_hz != TRUTH_RATE_HZ:
         old = np.arange(len(state)) / motion.rate_hz
         new = np.arange(int(old[-1] * TRUTH_RATE_HZ)) / TRUTH_RATE_HZ
-        state = interpolate.CubicSpline(old, state, axis=0)(new)
+        state = scipy.interpolate.CubicSpline(old, state, axis=0)(new)
     state = np.concatenate([edge, state, edge])
     return np.arange(len(state)) / TRUTH_RATE_HZ, state[:, :3], state[:, 3]
 
@@ -221,15 +221,15 @@ def _impact(since_s: Floats, peak_mps2: float, frequency_hz: float, decay_s: flo
 
 def _resonance(frequency_hz: float, zeta: float, time: Floats, rate_hz: float, rng: np.random.Generator) -> Floats:
     omega = 2.0 * np.pi * frequency_hz
-    system = signal.bilinear([2.0 * zeta * omega, 0.0], [1.0, 2.0 * zeta * omega, omega**2], rate_hz)
-    ringing: Floats = signal.lfilter(*system, rng.standard_normal(time.size))
+    system = scipy.signal.bilinear([2.0 * zeta * omega, 0.0], [1.0, 2.0 * zeta * omega, omega**2], rate_hz)
+    ringing: Floats = scipy.signal.lfilter(*system, rng.standard_normal(time.size))
     return ringing / ringing.std()
 
 
 def _shaped_noise(time: Floats, rate_hz: float, rng: np.random.Generator, top_hz: float) -> Floats:
     """White noise between 0.5 Hz and `top_hz`, unit rms."""
-    sos = signal.butter(2, [0.5, top_hz], "bandpass", fs=rate_hz, output="sos")
-    noise: Floats = signal.sosfilt(sos, rng.standard_normal(time.size))
+    sos = scipy.signal.butter(2, [0.5, top_hz], "bandpass", fs=rate_hz, output="sos")
+    noise: Floats = scipy.signal.sosfilt(sos, rng.standard_normal(time.size))
     return noise / noise.std()
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from scipy import optimize
+import scipy
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS
@@ -90,7 +90,7 @@ def _noise_and_share(residual: Floats, predicted: Floats, center: float | None =
 
     most = 2.0 * math.log(MOST_SHARE)
     start = np.array([np.quantile(target, 0.1), min(float(np.median(target - motion)), -1.0)])
-    found = optimize.least_squares(away, start, bounds=(-np.inf, [np.inf, most]), loss="soft_l1")
+    found = scipy.optimize.least_squares(away, start, bounds=(-np.inf, [np.inf, most]), loss="soft_l1")
     return float(found.x[0]), float(found.x[1])
 
 

@@ -6,6 +6,7 @@ import math
 from typing import Final
 
 import numpy as np
+import scipy
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.kernels.sensor import SECTIONS
@@ -16,18 +17,14 @@ FILTER_ORDER: Final = 2 * SECTIONS
 
 def low_pass_sections(cutoff_hz: float, rate_hz: float) -> Floats:
     """Second-order sections, (SECTIONS, 6)."""
-    from scipy import signal  # takes half a second to import
-
-    sections: Floats = signal.butter(FILTER_ORDER, cutoff_hz, fs=rate_hz, output="sos")
+    sections: Floats = scipy.signal.butter(FILTER_ORDER, cutoff_hz, fs=rate_hz, output="sos")
     return sections
 
 
 def zero_phase(sections: Floats, values: Floats) -> Floats:
     """Filter a whole run (n, ...) forward and backward."""
-    from scipy import signal  # takes half a second to import
-
     padding = min(3 * (FILTER_ORDER + 1), len(values) - 1)
-    filtered: Floats = np.ascontiguousarray(signal.sosfiltfilt(sections, values, axis=0, padlen=padding))
+    filtered: Floats = np.ascontiguousarray(scipy.signal.sosfiltfilt(sections, values, axis=0, padlen=padding))
     return filtered
 
 

@@ -6,7 +6,7 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
@@ -136,7 +136,7 @@ def _in_sequence(index: Floats) -> Floats:
     The samples around it tell how many were lost before; no more than before any later one, as late stamps pretend.
     """
     order = np.arange(index.size, dtype=np.float64)
-    around = ndimage.median_filter(index - order, size=_NEIGHBOURS, mode="reflect")
+    around = scipy.ndimage.median_filter(index - order, size=_NEIGHBOURS, mode="reflect")
     lost = np.minimum.accumulate(around[::-1])[::-1]
     return np.asarray(order + lost - lost[0])
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy  # submodules load at first use: their import takes longer than a first result
+import scipy
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.effects.effect import Channels, EffectParameter, SensorTransform, Values

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-import scipy  # submodules load at first use: their import takes longer than a first result
+import scipy
 
 from biodyn_core.base.arrays import Floats
 

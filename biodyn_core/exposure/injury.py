@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy import linalg
+import scipy
 
 from biodyn_core import kernels
 from biodyn_core.base.arrays import Floats
@@ -188,6 +188,6 @@ def first_order_hold(omega: float, zeta: float, step_s: float) -> Floats:
     block[0, 1] = 1.0
     block[1] = [-(omega**2), -2.0 * zeta * omega, -1.0, 0.0]
     block[2, 3] = 1.0 / step_s
-    moved = linalg.expm(block * step_s)
+    moved = scipy.linalg.expm(block * step_s)
     # The fourth state is the rise of a over the step: a now - a before.
     return np.column_stack([moved[:2, :2], moved[:2, 2] - moved[:2, 3], moved[:2, 3]])

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import optimize
+import scipy
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
@@ -134,8 +134,9 @@ def _descend(surrogate: Surrogate, swarm: Swarm) -> Swarm:
         return float(costs[0]), (ahead - behind) / (2.0 * DESCENT_STEP)
 
     bounds = list(zip(surrogate.lower, surrogate.upper, strict=True))
-    options = {"maxiter": 500, "ftol": 1e-10}
-    found = optimize.minimize(cost_and_slope, swarm.point, jac=True, method="SLSQP", bounds=bounds, options=options)
+    found = scipy.optimize.minimize(
+        cost_and_slope, swarm.point, jac=True, method="SLSQP", bounds=bounds, options={"maxiter": 500, "ftol": 1e-10}
+    )
     evaluations = swarm.evaluations + batches * len(moves)
     if not found.fun < swarm.cost:
         return dataclasses.replace(swarm, evaluations=evaluations)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import optimize
+import scipy
 
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.errors import InputError
@@ -164,7 +164,7 @@ def nelder_mead(problem: TimeDomain, start: Floats, free: Flags, evaluations: in
     corners = np.repeat(phi[None, :], phi.size + 1, axis=0)
     corners[np.arange(phi.size), np.arange(phi.size)] += np.where(phi > 0.0, -SIMPLEX, SIMPLEX)
     options = {"initial_simplex": corners, "maxfev": evaluations, "maxiter": evaluations}
-    found = optimize.minimize(
+    found = scipy.optimize.minimize(
         lambda point: problem.cost(theta(point)),
         phi,
         method="Nelder-Mead",
@@ -204,7 +204,7 @@ def trust_region(linearised: Linearised, start: Floats, evaluations: int) -> tup
 
     if not np.isfinite(evaluated(start)[0]).all():
         return start, PENALTY
-    found = optimize.least_squares(
+    found = scipy.optimize.least_squares(
         lambda point: evaluated(point)[0],
         start,
         jac=lambda point: evaluated(point)[1],

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from biodyn_core.base.arrays import Complexes, Floats
 from biodyn_core.base.segments import SEAT, SENSORS, STANDARD_GRAVITY_MPS2
@@ -75,8 +75,8 @@ def _slow(channels: Channels, rate_hz: float) -> Complexes:
     if channels.rates_radps is not None:
         x, y, _ = np.nan_to_num(channels.rates_radps).T
         accel = accel + STANDARD_GRAVITY_MPS2 / rate_hz * np.cumsum(y - 1j * x)
-    passed = signal.butter(2, SLOW_HZ, "bandpass", fs=rate_hz, output="sos")
-    slow = signal.sosfiltfilt(passed, accel.real) + 1j * signal.sosfiltfilt(passed, accel.imag)
+    passed = scipy.signal.butter(2, SLOW_HZ, "bandpass", fs=rate_hz, output="sos")
+    slow = scipy.signal.sosfiltfilt(passed, accel.real) + 1j * scipy.signal.sosfiltfilt(passed, accel.imag)
     return np.where(masked, np.nan, slow)
 
 

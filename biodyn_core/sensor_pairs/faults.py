@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import optimize
+import scipy
 
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.effects import CATALOGUE, SensorTransform
@@ -111,7 +111,7 @@ def _fit(
     """Free values of least weighted squares from all starts, and their cost."""
     best, least = np.asarray(starts[0]), math.inf
     for start in starts:
-        found = optimize.least_squares(
+        found = scipy.optimize.least_squares(
             lambda free: weight * (output - shown(free)), start, bounds=(form.lower, form.upper), diff_step=1e-4,
             xtol=1e-5, ftol=1e-6, max_nfev=25,
         )  # fmt: skip

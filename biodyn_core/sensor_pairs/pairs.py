@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.errors import InputError
@@ -142,7 +142,7 @@ def _stretch(pair: Pair, s: PairSettings, clipped: Flags) -> Stretch:
     """A pair in band, without clipped samples and their neighbours."""
     band = (pair.rate_hz, s.lowest_hz, s.highest_share * pair.rate_hz)
     own = None if pair.own is None else in_band(pair.own, *band)
-    keep = ~ndimage.binary_dilation(clipped, iterations=3)
+    keep = ~scipy.ndimage.binary_dilation(clipped, iterations=3)
     edge = round(s.transfer_s * pair.rate_hz) + 1
     keep[:edge] = keep[keep.size - edge :] = False
     output = in_band(pair.under_test, *band)

@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from scipy import interpolate, signal
+import scipy
 
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.errors import InputError
@@ -154,11 +154,11 @@ def _resampled(values: Floats, times_s: Floats, grid_s: Floats, rate_hz: float) 
     """Values (n, k) at even times (n,) on a grid (m,), low-passed below a lower rate."""
     own_hz = (times_s.size - 1) / (times_s[-1] - times_s[0])
     if own_hz > 1.05 * rate_hz:
-        sos = signal.butter(8, LOW_PASS_SHARE * rate_hz, fs=own_hz, output="sos")
-        values = np.asarray(signal.sosfiltfilt(sos, values, axis=0))
-    finer = signal.resample_poly(values, FINER, 1, axis=0, padtype="line")
+        sos = scipy.signal.butter(8, LOW_PASS_SHARE * rate_hz, fs=own_hz, output="sos")
+        values = np.asarray(scipy.signal.sosfiltfilt(sos, values, axis=0))
+    finer = scipy.signal.resample_poly(values, FINER, 1, axis=0, padtype="line")
     fine_s = times_s[0] + np.arange(len(finer)) / (FINER * own_hz)
-    return np.asarray(interpolate.CubicSpline(fine_s, finer)(np.clip(grid_s, times_s[0], times_s[-1])))
+    return np.asarray(scipy.interpolate.CubicSpline(fine_s, finer)(np.clip(grid_s, times_s[0], times_s[-1])))
 
 
 def _on_grid(clipping: Clipping, times_s: Floats, grid_s: Floats, rate_hz: float) -> Clipping:

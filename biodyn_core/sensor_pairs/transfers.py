@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from biodyn_core.base.arrays import Flags, Floats
 
@@ -28,8 +28,8 @@ def filled(values: Floats, bad: Flags) -> Floats:
 
 def in_band(values: Floats, rate_hz: float, lowest_hz: float, highest_hz: float) -> Floats:
     """Samples (n, ...) between two frequencies, no phase."""
-    sos = signal.butter(2, (lowest_hz, highest_hz), "bandpass", fs=rate_hz, output="sos")
-    return np.asarray(signal.sosfiltfilt(sos, values, axis=0))
+    sos = scipy.signal.butter(2, (lowest_hz, highest_hz), "bandpass", fs=rate_hz, output="sos")
+    return np.asarray(scipy.signal.sosfiltfilt(sos, values, axis=0))
 
 
 def lagged(inputs: Floats, span: int) -> Floats:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
@@ -144,7 +144,7 @@ class SeatDigest(SensorDigest):
     def _add(self, rows: Floats, rate_hz: float) -> None:
         super()._add(rows, rate_hz)
         if self._filters is None:
-            high = signal.butter(4, self._settings.idle_above_hz, "highpass", fs=rate_hz, output="sos")
+            high = scipy.signal.butter(4, self._settings.idle_above_hz, "highpass", fs=rate_hz, output="sos")
             self._filters = [_Filter(high), _Filter(weighting_sections("Wk", rate_hz))]
         low_passed, (high_passed, weighted) = rows[:, 4], self._filters
         squares = np.column_stack([low_passed, high_passed(low_passed), weighted(rows[:, 3])]) ** 2
@@ -161,5 +161,5 @@ class _Filter:
         self._sections, self._state = sections, np.zeros((len(sections), 2))
 
     def __call__(self, values: Floats) -> Floats:
-        filtered, self._state = signal.sosfilt(self._sections, values, zi=self._state)
+        filtered, self._state = scipy.signal.sosfilt(self._sections, values, zi=self._state)
         return np.asarray(filtered)

@@ -13,7 +13,7 @@ from itertools import pairwise
 from typing import Final, Literal
 
 import numpy as np
-from scipy import ndimage, signal
+import scipy
 
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
@@ -151,7 +151,7 @@ def _level_mps2(fine: Bins, around_s: float) -> Floats:
     if present.any():
         rms = np.sqrt(squares[present] / counts[present])
         size = max(3, round(around_s / COARSE_S)) | 1
-        level[present] = ndimage.percentile_filter(rms, 100.0 * LEVEL_QUANTILE, size=size, mode="nearest")
+        level[present] = scipy.ndimage.percentile_filter(rms, 100.0 * LEVEL_QUANTILE, size=size, mode="nearest")
     return np.repeat(level, each)[: fine.counts.size]
 
 
@@ -160,7 +160,7 @@ def _group(peaks: Floats, begin: int, end: int, width_s: float, s: SessionSettin
     largest = float(peaks[begin:end].max())
     around = round(s.apart_s / width_s)
     padded = np.concatenate([[0.0], peaks[max(0, begin - around) : end + around], [0.0]])
-    strikes, _ = signal.find_peaks(
+    strikes, _ = scipy.signal.find_peaks(
         padded, height=s.strike_share * largest, distance=max(1, round(s.strike_apart_s / width_s))
     )
     peak_s = (begin + int(peaks[begin:end].argmax()) + 0.5) * width_s
@@ -170,7 +170,8 @@ def _group(peaks: Floats, begin: int, end: int, width_s: float, s: SessionSettin
 def _continuous(fine: Bins) -> Iterator[tuple[float, float]]:
     """The stretches (begin, end) of a seat without gaps."""
     present: Flags = fine.counts > 0.0
-    closed = np.asarray(ndimage.binary_closing(present, iterations=max(1, round(SEAT_GAP_S / fine.width_s / 2.0))))
+    half_gap = max(1, round(SEAT_GAP_S / fine.width_s / 2.0))
+    closed = np.asarray(scipy.ndimage.binary_closing(present, iterations=half_gap))
     for begin, end in stretches(closed | present):
         yield begin * fine.width_s, end * fine.width_s
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy import optimize, signal
+import scipy
 
 from biodyn_core.base.arrays import Complexes, Flags, Floats
 
@@ -85,7 +85,7 @@ class PhaseMeter:
         frequency_hz = np.arange(FRAME // 2 + 1) / (FRAME * width_s)
         self._inside = np.flatnonzero((frequency_hz >= BAND_HZ[0]) & (frequency_hz <= BAND_HZ[1]))
         self._frequency_hz = frequency_hz[self._inside]
-        self._window = signal.get_window("hann", FRAME)
+        self._window = scipy.signal.get_window("hann", FRAME)
         self._blocks: list[Complexes] = []
         self._time_s: list[float] = []
         self._frames = 0
@@ -177,7 +177,7 @@ def _coarse(blocks: Complexes, time_s: Floats, frequency_hz: Floats) -> float:
 
 def _refined(near: float, step: float, blocks: Complexes, time_s: Floats, frequency_hz: Floats) -> float:
     """The drift, s/s, within a step of another that aligns the phases best."""
-    found = optimize.minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         lambda drift: -_aligned(drift, blocks, time_s, frequency_hz),
         bounds=(near - step, near + step), method="bounded", options={"xatol": 1e-9},
     )  # fmt: skip

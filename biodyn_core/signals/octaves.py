@@ -7,7 +7,7 @@ import itertools
 from typing import Final
 
 import numpy as np
-from scipy import fft, signal
+import scipy
 
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.signals.weighting import WeightingName, analog_response
@@ -28,15 +28,15 @@ TAPER: Final = 0.25
 
 @functools.lru_cache(maxsize=32)
 def _taper(size: int) -> Floats:
-    taper = np.asarray(signal.windows.tukey(size, TAPER))
+    taper = np.asarray(scipy.signal.windows.tukey(size, TAPER))
     return taper / np.sqrt(np.mean(taper**2))
 
 
 @functools.lru_cache(maxsize=64)
 def _gains(size: int, rate_hz: float, weighting: WeightingName | None) -> tuple[Floats, Integers]:
     """Factors (f, 1) that turn squared magnitudes of a spectrum into mean squares, and where each band begins (6,)."""
-    padded = fft.next_fast_len(size, real=True)
-    frequency_hz = fft.rfftfreq(padded, 1.0 / rate_hz)
+    padded = scipy.fft.next_fast_len(size, real=True)
+    frequency_hz = scipy.fft.rfftfreq(padded, 1.0 / rate_hz)
     squares = np.full(frequency_hz.size, 2.0 / (size * padded))
     squares[0] *= 0.5
     if padded % 2 == 0:
@@ -51,6 +51,6 @@ def _gains(size: int, rate_hz: float, weighting: WeightingName | None) -> tuple[
 def octave_squares(values: Floats, rate_hz: float, weighting: WeightingName | None = None) -> Floats:
     """Mean squares (6, c) by band of a window (n, c); their sum is about its mean square, weighted if asked."""
     size = len(values)
-    spectrum = fft.rfft(values * _taper(size)[:, None], fft.next_fast_len(size, real=True), axis=0)
+    spectrum = scipy.fft.rfft(values * _taper(size)[:, None], scipy.fft.next_fast_len(size, real=True), axis=0)
     squares, begins = _gains(size, rate_hz, weighting)
     return np.add.reduceat(squares * (spectrum.real**2 + spectrum.imag**2), begins, axis=0)

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import signal, special
 
 from biodyn_core.base.arrays import Complexes, Flags, Floats, Integers
 from biodyn_core.base.errors import InputError
@@ -99,7 +99,7 @@ class CrossSpectra:
         for apart, shared in enumerate(NEIGHBOURS, start=1):
             related = related + 2.0 * shared * (weights[apart:] * weights[:-apart]).sum(axis=0)
         spread = np.maximum(variance * related, 1e-12)
-        quantile = special.gammaincinv(mean**2 / spread, 1.0 - CHANCE) * spread / mean
+        quantile = scipy.special.gammaincinv(mean**2 / spread, 1.0 - CHANCE) * spread / mean
         return np.asarray(np.minimum(quantile, 1.0))
 
     @property
@@ -131,7 +131,7 @@ class SpectraMeter:
     def __init__(self, rate_hz: float, outputs: int, settings: SpectrumSettings | None = None) -> None:
         s = settings or SpectrumSettings()
         self.settings, self.rate_hz = s, rate_hz
-        self._window = signal.get_window(s.window, round(s.segment_s * rate_hz))
+        self._window = scipy.signal.get_window(s.window, round(s.segment_s * rate_hz))
         size = self._window.size
         self._step = size - int(s.overlap * size)
         frequency = np.arange(size // 2 + 1) * rate_hz / size

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import scipy
+
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.settings import check_settings, setting
 
@@ -20,10 +22,8 @@ class SpectrumSettings:
 
     def __post_init__(self) -> None:
         check_settings(self)
-        from scipy import signal
-
         try:
-            signal.get_window(self.window, 16)
+            scipy.signal.get_window(self.window, 16)
         except ValueError:
             raise InputError(f"window {self.window!r} is unknown to SciPy, or needs a parameter: try hann") from None
         if self.lowest_hz * self.segment_s < 2.0 * (1.0 - 1e-9):

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from biodyn_core.base.arrays import Floats, Integers
 
@@ -40,7 +40,7 @@ class WaterfallMeter:
 
     def __init__(self, rate_hz: float, channels: int) -> None:
         size = max(2, int(rate_hz * (1.0 + 1e-9)))  # not longer than a bin, so that no bin stays empty
-        self._window = signal.get_window("hann", size)
+        self._window = scipy.signal.get_window("hann", size)
         frequency = np.arange(size // 2 + 1) * rate_hz / size
         self._at = np.flatnonzero((frequency > 0.5) & (frequency <= min(MAX_HZ + 0.5, USABLE * rate_hz)))
         self._frequency_hz = frequency[self._at]

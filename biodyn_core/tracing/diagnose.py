@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize, signal
+import scipy
 
 from biodyn_core.base.arrays import Complexes, Flags, Floats
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEAT, SEGMENTS
@@ -70,7 +70,7 @@ def _windowed(values: Floats, case: Case, s: DiagnosticSettings) -> Complexes:
     """Spectra (w, f, k) within the band of half-overlapping windows of values (n, k), after the warm-up."""
     length = min(round(s.coherence_s * case.rate_hz), len(values) - case.begin)
     parts = np.lib.stride_tricks.sliding_window_view(np.nan_to_num(values[case.begin :]), length, axis=0)
-    spectra = np.fft.rfft(parts[:: length // 2] * signal.windows.hann(length), axis=2)
+    spectra = np.fft.rfft(parts[:: length // 2] * scipy.signal.windows.hann(length), axis=2)
     frequency_hz = np.fft.rfftfreq(length, 1.0 / case.rate_hz)
     inside = np.flatnonzero((frequency_hz >= s.band_hz[0]) & (frequency_hz <= s.band_hz[1]))
     return np.asarray(spectra[:, :, inside].transpose(0, 2, 1))
@@ -109,7 +109,7 @@ def peeling(subject: Subject, cases: Sequence[Case], settings: DiagnosticSetting
             continue
         sub = _SubChain(bottom, chain.inertia_kg[bottom:], chain.rayleigh_rad_per_s, seen)
         bounds = (start - range_of_log, start + range_of_log)
-        best = optimize.least_squares(sub.residual, start, bounds=bounds, max_nfev=s.joint_evaluations)
+        best = scipy.optimize.least_squares(sub.residual, start, bounds=bounds, max_nfev=s.joint_evaluations)
         found[node] = float(100.0 * np.sqrt(2.0 * best.cost / compared))
     return found
 
@@ -156,7 +156,7 @@ def _spectra(case: Case, band_hz: tuple[float, float]) -> tuple[Floats, Complexe
     """Frequencies (f,), spectra (f, 6) of the seat and the five sensors, and weights (5,), one over a sensor's rms."""
     used = np.where(case.energy > 0.0, case.measured_mps2, 0.0)
     whole = np.column_stack([case.seat_mps2, used])[case.begin :]
-    spectrum = np.fft.rfft(whole * signal.windows.tukey(len(whole), 0.1)[:, None], axis=0)
+    spectrum = np.fft.rfft(whole * scipy.signal.windows.tukey(len(whole), 0.1)[:, None], axis=0)
     frequency_hz = np.fft.rfftfreq(len(whole), 1.0 / case.rate_hz)
     inside = (frequency_hz >= band_hz[0]) & (frequency_hz <= band_hz[1])
     spectrum = spectrum[inside]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from biodyn_core.base.arrays import Complexes, Flags, Floats
 from biodyn_core.base.segments import CENTRAL, MEASURED_SEGMENT_INDEX, N_SEGMENTS, SEAT, SEGMENTS
@@ -133,16 +133,16 @@ def measured_motion(
     padded_s = (settings or MissingForceSettings()).padded_s
     own = simulated_motion(subject, case)
     shown = apply_to_sensors(subject.effects, own.accel_mps2, case.rate_hz, case.channels)[:, MEASURED_SEGMENT_INDEX]
-    length = fft.next_fast_len(len(shown) + round(padded_s * case.rate_hz), real=True)
+    length = scipy.fft.next_fast_len(len(shown) + round(padded_s * case.rate_hz), real=True)
     residual = np.zeros((length // 2 + 1, N_SEGMENTS), dtype=np.complex128)
-    residual[:, MEASURED_SEGMENT_INDEX] = fft.rfft(_residual(case, shown), length, axis=0)
-    p = np.asarray(2j * np.pi * fft.rfftfreq(length, 1.0 / case.rate_hz), dtype=np.complex128)
+    residual[:, MEASURED_SEGMENT_INDEX] = scipy.fft.rfft(_residual(case, shown), length, axis=0)
+    p = np.asarray(2j * np.pi * scipy.fft.rfftfreq(length, 1.0 / case.rate_hz), dtype=np.complex128)
     residual[:, CENTRAL] = _between_neighbours(Chain.of(subject), p, residual)
     ratio = np.abs(p) / (2.0 * np.pi * cut_off_hz)
     residual *= (ratio**4 / (1.0 + ratio**4))[:, None]
     per_p = np.where(p == 0.0, 0.0, 1.0 / np.where(p == 0.0, 1.0, p))[:, None]
     accel, velocity, displacement = (
-        fft.irfft(residual * per_p**order, length, axis=0)[: len(shown)] for order in (0, 1, 2)
+        scipy.fft.irfft(residual * per_p**order, length, axis=0)[: len(shown)] for order in (0, 1, 2)
     )
     return dataclasses.replace(
         own,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from biodyn_core.base.segments import SEGMENTS
 from biodyn_core.body.model import Chain
@@ -307,7 +307,7 @@ def _floor_percent(cases: Sequence[Case], subject: Subject, s: ReportSettings) -
         after = residual[case.begin :]
         if len(after) < s.noise_samples or s.noise_band_hz[1] > PASSED_SHARE * case.cutoff_hz:
             continue
-        frequency_hz, density = signal.welch(after, case.rate_hz, nperseg=s.noise_samples, axis=0)
+        frequency_hz, density = scipy.signal.welch(after, case.rate_hz, nperseg=s.noise_samples, axis=0)
         still = (frequency_hz >= s.noise_band_hz[0]) & (frequency_hz <= s.noise_band_hz[1])
         there = np.maximum(case.compared[case.begin :].mean(axis=0), 1e-9)  # masked samples are zeros
         # White noise has its density times the cut-off frequency as its mean square.

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.identification.problem import Case
@@ -93,7 +93,7 @@ class Rows:
 
 def _expected(measured: Floats, compared: Floats, rate_hz: float, s: WeightSettings) -> Floats:
     """Expected error of a good model at each sample, rms, (n, 5)."""
-    around = ndimage.uniform_filter1d(measured**2, max(1, round(s.around_s * rate_hz)), axis=0)
+    around = scipy.ndimage.uniform_filter1d(measured**2, max(1, round(s.around_s * rate_hz)), axis=0)
     whole = (measured**2).sum(axis=0) / np.maximum(compared.sum(axis=0), 1)
     return np.asarray(np.sqrt(s.noise_mps2**2 + s.local_share**2 * around + s.event_share**2 * whole))
 

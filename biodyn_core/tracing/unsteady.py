@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, signal
+import scipy
 
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS
@@ -114,9 +114,9 @@ def _line_hz(nuisance: NuisanceModel, residuals: Sequence[Floats], s: UnsteadySe
     for rows, y in zip(nuisance.choose.rows, residuals, strict=True):
         whole, each = y.reshape(-1, len(MEASURED_SEGMENTS)), round(s.segment_s * rows.rate_hz)
         if len(whole) >= each:
-            own_hz, density = signal.welch(whole, rows.rate_hz, nperseg=each, axis=0)
+            own_hz, density = scipy.signal.welch(whole, rows.rate_hz, nperseg=each, axis=0)
             total += np.interp(frequency_hz, own_hz, density.sum(axis=1))
-    around = ndimage.median_filter(total, round(2.0 * s.around_hz * s.segment_s) + 1)
+    around = scipy.ndimage.median_filter(total, round(2.0 * s.around_hz * s.segment_s) + 1)
     inside = (frequency_hz >= s.line_hz[0]) & (frequency_hz <= s.line_hz[1])
     prominence = np.where(inside, total / np.maximum(around, 1e-30), 0.0)
     best = int(prominence.argmax())

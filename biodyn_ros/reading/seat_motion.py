@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from scipy import interpolate
+import scipy
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
@@ -261,5 +261,5 @@ def _interpolated(time_s: Floats, values: Floats, at_s: Floats) -> Floats:
     for begin, end in zip([0, *ends], [*ends, time_s.size], strict=True):
         inside = slice(*np.searchsorted(at_s, [time_s[begin], time_s[end - 1]]))
         if end - begin > 1:  # a single sample between two gaps has no spline
-            found[inside] = interpolate.CubicSpline(time_s[begin:end], values[begin:end], axis=0)(at_s[inside])
+            found[inside] = scipy.interpolate.CubicSpline(time_s[begin:end], values[begin:end], axis=0)(at_s[inside])
     return found
