@@ -1,13 +1,17 @@
 """Joint refit: theta and effects are recovered from events that another integrator simulated."""
 
 import dataclasses
+import pickle
+from collections.abc import Iterator, Sequence
 from functools import cache
+from typing import Any
 
 import hiding
 import numpy as np
 import pytest
 from hiding import applied
 
+from biodyn_core.base.parallel import serial_map
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect, Ranges
 from biodyn_core.identification.problem import errors
@@ -165,6 +169,26 @@ def test_a_general_form_comes_nearer_to_a_law_that_the_textbook_form_is_not() ->
     assert both < 0.9 * alone
     gain = dataclasses.replace(textbook, effects=(applied("gain", "neck"),))
     assert generalised(gain, cases()) is gain  # it has no general form
+
+
+def as_in_other_processes(stage: str, function: Any, shared: Any, items: Sequence[Any]) -> Iterator[Any]:
+    """A parallel map that sends everything as bytes, and computes the last item first."""
+
+    def sent(value: Any) -> Any:
+        return pickle.loads(pickle.dumps(value))  # noqa: S301 - written here
+
+    done = [sent(function(sent(shared), sent(one))) for one in items[::-1]]
+    return iter(done[::-1])
+
+
+def test_a_refit_has_the_same_digits_with_cases_in_other_processes() -> None:
+    law, few = hiding.one_sided, JointRefitSettings(first_evaluations=20, evaluations=20)
+    here, there = (
+        generalised(one_sided_textbook(), cases(law=law), few, parallel=parallel)
+        for parallel in (serial_map, as_in_other_processes)
+    )
+    assert here.effects == there.effects != one_sided_textbook().effects
+    np.testing.assert_array_equal(here.parameters.vector(), there.parameters.vector())
 
 
 def test_a_general_form_starts_from_a_given_subject_too() -> None:

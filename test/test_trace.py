@@ -207,8 +207,40 @@ def test_an_effect_is_not_added_where_theta_alone_gains_as_much() -> None:
     tiny = applied("gain", "neck", gain=0.001)
     fit = dataclasses.replace(without(), subject=dataclasses.replace(poor, effects=(tiny,)))
     outcome = rounds.Outcome(a_round({"gain": 0.9}), None, hiding.nuisance(), without(), fit)
-    subject, refused = trace_module._with_joint_refit(poor, outcome, (cases[:3], cases[3:], ()), SHORT)
+    subject, refused = trace_module._with_joint_refit(poor, outcome, (cases[:3], cases[3:], ()), SHORT, {}, serial_map)
     assert subject is poor and not refused.adds_effect and "without nuisance parameters" in refused.why
+
+
+def test_stored_refits_of_an_added_effect_are_not_computed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those with its textbook and general law and those without it."""
+    chosen = dataclasses.replace(hiding.TRUTH, effects=(applied("asymmetry", "pelvis", asymmetry_per_m=5.0),))
+    stored: dict[str, Any] = {}
+    cases, fits = hiding.events(6, hiding.nothing, hiding.one_sided), []
+
+    def fit(subject: Subject, *_: object) -> Subject:
+        fits.append(subject)
+        theta = Parameters.from_vector((1.0 + 0.001 * len(fits)) * subject.parameters.vector())
+        return dataclasses.replace(subject, parameters=theta)
+
+    monkeypatch.setattr(trace_module, "jointly_refitted", fit)
+    monkeypatch.setattr(trace_module, "generalised", fit)
+    local = dataclasses.replace(without(), subject=chosen)
+    outcome = rounds.Outcome(a_round({"asymmetry": 0.9}), None, hiding.nuisance(), without(), local)
+
+    def added() -> Subject:
+        kept = json.loads(json.dumps(stored))
+        uses = cases[:3], cases[3:5], cases[5:]
+        found, _ = trace_module._with_joint_refit(hiding.TRUTH, outcome, uses, SHORT, kept, serial_map)
+        stored.update(kept)
+        return found
+
+    first, again = added(), added()
+    assert len(fits) == 3 == len(stored) and first.effects == again.effects
+    np.testing.assert_array_equal(first.parameters.vector(), again.parameters.vector())
+    chosen = dataclasses.replace(chosen, effects=(applied("asymmetry", "pelvis", asymmetry_per_m=6.0),))
+    outcome = dataclasses.replace(outcome, chosen=dataclasses.replace(local, subject=chosen))
+    added()
+    assert len(fits) == 5 == len(stored)  # another effect; the refit without it is the same
 
 
 def wild(case: Case) -> Case:
@@ -226,10 +258,10 @@ def test_an_effect_with_an_unstable_simulation_is_not_added(monkeypatch: pytest.
         a_round({"gain": 0.9}), None, hiding.nuisance(), without(), dataclasses.replace(without(), subject=good)
     )
     uses = cases[:3], cases[3:6], cases[6:]
-    added, named = trace_module._with_joint_refit(hiding.TRUTH, outcome, uses, SHORT)
+    added, named = trace_module._with_joint_refit(hiding.TRUTH, outcome, uses, SHORT, {}, serial_map)
     assert added is good and named.adds_effect
     uses = cases[:3], cases[3:6], [*cases[6:], wild(cases[6])]
-    subject, refused = trace_module._with_joint_refit(hiding.TRUTH, outcome, uses, SHORT)
+    subject, refused = trace_module._with_joint_refit(hiding.TRUTH, outcome, uses, SHORT, {}, serial_map)
     assert subject is hiding.TRUTH and not refused.adds_effect
     assert refused.why == "with it the simulation of wild_1 is unstable"
 
@@ -258,11 +290,11 @@ def test_a_further_round_that_is_unstable_leaves_the_effects_so_far(monkeypatch:
 
     monkeypatch.setattr(trace_module, "one_round", one_round)
     monkeypatch.setattr(trace_module, "_with_joint_refit", lambda subject, outcome, *_: (f"{subject}+", outcome))
-    found, ended = trace_module._rounds("body", ([], [], []), SHORT, 7, None, None, None)
+    found, ended = trace_module._rounds("body", ([], [], []), SHORT, 7, lambda *_: None, {}, serial_map)
     assert [subject for subject, _ in found] == ["body+"]
     assert ended == "no further effect was searched for: road_1: it runs away"
     with pytest.raises(UnstableSimulation):
-        trace_module._rounds("body", ([], [], []), SHORT, 7, None, None, None)
+        trace_module._rounds("body", ([], [], []), SHORT, 7, lambda *_: None, {}, serial_map)
 
 
 def test_nothing_hidden_is_no_effect() -> None:
@@ -641,7 +673,7 @@ def test_rounds_end_when_one_adds_nothing_or_the_prediction_is_good(after, scale
     monkeypatch.setattr(trace_module, "one_round", one_round)
     monkeypatch.setattr(trace_module, "_with_joint_refit", lambda subject, outcome, *_: (f"{subject}+", outcome))
     s = dataclasses.replace(SHORT, most_effects=3, enough=0.5)
-    found, ended = trace_module._rounds("body", ([], [], []), s, 7, None, None, None)
+    found, ended = trace_module._rounds("body", ([], [], []), s, 7, lambda *_: None, {}, serial_map)
     assert [subject for subject, _ in found] == ["body+", "body++", "body+++"][:count] and not ended
     assert asked == [("body", 7, 0.0), ("body+", 8, s.named_from), ("body++", 9, s.named_from)][:count]
 

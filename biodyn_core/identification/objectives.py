@@ -201,14 +201,16 @@ class TimeDomain:
         term = np.concatenate([term[:, :-1], np.zeros((len(term), beside)), term[:, -1:]], axis=1)
         products = term.T @ term
         for number in range(len(self.cases)):
-            with np.errstate(all="ignore"):  # the products show non-finite values
-                rows = self.rows(number, theta, free, others[number] if others else None)
-                rows = rows.reshape(-1, rows.shape[-1])
-                products += rows.T @ rows
-        if self._penalised(products[-1, -1]) == PENALTY:
-            products[:] = np.inf
-        root = _root(products)
-        return root[:, -1], root[:, :-1]
+            products += self.products(number, theta, free, others[number] if others else None)
+        self._penalised(products[-1, -1])
+        return linearised_of(products)
+
+    def products(self, number: int, theta: Floats, free: Flags, others: Floats | None = None) -> Floats:
+        """Products (q, q) of all samples' `rows` of one case, not finite where the response is not."""
+        with np.errstate(all="ignore"):
+            rows = self.rows(number, theta, free, others)
+            rows = rows.reshape(-1, rows.shape[-1])
+            return np.asarray(rows.T @ rows)
 
     def rows(self, number: int, theta: Floats, free: Flags, others: Floats | None = None) -> Floats:
         """Derivatives by ln theta of the p that are free, then the residual, of one case, (n, 5, p + 1).
@@ -334,6 +336,15 @@ def _differences(values: Floats) -> Floats:
     values[..., :-1] -= values[..., -1:]
     values[..., :-1] /= _STEP
     return values
+
+
+def linearised_of(products: Floats) -> tuple[Floats, Floats]:
+    """Residuals (q,) and derivatives (q, q - 1) with these products (q, q), of which the residual's is the last.
+
+    Infinite where the sum of squares is at least the penalty or not a number.
+    """
+    root = _root(products if products[-1, -1] < PENALTY else np.full_like(products, np.inf))
+    return root[:, -1], root[:, :-1]
 
 
 def _root(products: Floats) -> Floats:

@@ -15,11 +15,12 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.base.arrays import Flags, Floats
+from biodyn_core.base.parallel import ParallelMap, serial_map
 from biodyn_core.body.parameters import Parameters
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import AppliedEffect, Ranges, logistic
 from biodyn_core.effects.ranges import FINITE
-from biodyn_core.identification.objectives import PENALTY, RegularizationTerm, TimeDomain
+from biodyn_core.identification.objectives import PENALTY, RegularizationTerm, TimeDomain, linearised_of
 from biodyn_core.identification.phase2 import interior, mapped, slope_by_phi, trust_region
 from biodyn_core.identification.problem import Case
 from biodyn_core.identification.settings import Clocks
@@ -42,14 +43,18 @@ class JointFit:
     objective: float
 
 
-def jointly_refitted(subject: Subject, cases: Sequence[Case], settings: JointRefitSettings | None = None) -> Subject:
+def jointly_refitted(
+    subject: Subject, cases: Sequence[Case], settings: JointRefitSettings | None = None,
+    parallel: ParallelMap = serial_map,
+) -> Subject:  # fmt: skip
     """The subject with theta and the textbook parameters of the least sum of squares over all cases (Eq. 33)."""
-    return refit(subject, cases, [subject], textbook=True, settings=settings).subject
+    return refit(subject, cases, [subject], textbook=True, settings=settings, parallel=parallel).subject
 
 
 def generalised(
-    subject: Subject, cases: Sequence[Case], settings: JointRefitSettings | None = None, also: Sequence[Subject] = ()
-) -> Subject:
+    subject: Subject, cases: Sequence[Case], settings: JointRefitSettings | None = None,
+    also: Sequence[Subject] = (), parallel: ParallelMap = serial_map,
+) -> Subject:  # fmt: skip
     """A refitted subject with the general form of its last effect, from several starts, and all refitted again.
 
     also: further starts. The subject itself if its last effect has no general form.
@@ -57,7 +62,7 @@ def generalised(
     if not subject.effects or not subject.effects[-1].effect.general_form:
         return subject
     starts = [*general_starts(subject, cases, settings), *also]
-    return refit(subject, cases, starts, settings=settings).subject
+    return refit(subject, cases, starts, settings=settings, parallel=parallel).subject
 
 
 def covariances(
@@ -91,19 +96,20 @@ def refit(
     textbook: bool = False,
     free: Flags = FREE,
     settings: JointRefitSettings | None = None,
+    parallel: ParallelMap = serial_map,
 ) -> JointFit:
     """The best of several starts, refitted until it converges; never worse than the subject itself.
 
-    textbook: general parameters keep their values.
+    textbook: general parameters keep their values. parallel: simulates the cases side by side.
     """
     s = settings or JointRefitSettings()
 
     def problem(one: Subject) -> _Problem:
         return _Problem(one, cases, free, clocks, textbook, s)
 
-    ends = [_descended(problem(_stable(one, cases, s.halvings)), s.first_evaluations) for one in tried]
+    ends = [_descended(problem(_stable(one, cases, s.halvings)), s.first_evaluations, parallel) for one in tried]
     best = min(ends, key=lambda end: end.objective)
-    last = _descended(problem(best.subject), s.evaluations)
+    last = _descended(problem(best.subject), s.evaluations, parallel)
     return min((last, best, JointFit(subject, problem(subject).objective())), key=lambda end: end.objective)
 
 
@@ -161,14 +167,14 @@ def _scaled(applied: AppliedEffect, factor: float) -> AppliedEffect:
     return dataclasses.replace(applied, values={**applied.values, **values})
 
 
-def _descended(problem: _Problem, evaluations: int) -> JointFit:
+def _descended(problem: _Problem, evaluations: int, parallel: ParallelMap) -> JointFit:
     """The end of the trust region from the problem's own subject."""
     theta, phi = mapped(interior(problem.theta, problem.free), problem.free)
     start = np.concatenate([phi, problem.start()])
 
     def linearised(point: Floats) -> tuple[Floats, Floats]:
         at, share = theta(point[: phi.size]), logistic(point[phi.size :])
-        residuals, slopes = problem.linearised(at, share)
+        residuals, slopes = problem.linearised(at, share, parallel)
         slopes[:, : phi.size] *= slope_by_phi(at)[problem.free]
         slopes[:, phi.size :] *= share * (1.0 - share)
         return residuals, slopes
@@ -193,8 +199,8 @@ class _Problem:
         self._ranges = Ranges([p for _, p in self._parameters])
         self._values = np.array([applied.values[p.name] for applied, p in self._parameters])
         # Chosen once, so that the objective is smooth.
-        self._substeps: tuple[int, ...] | None = None
-        self._substeps = self._domain(self.shares()).substeps
+        self._substeps: list[int] = []
+        self._substeps = [self._domain(number, self.shares()).substeps[0] for number in range(len(cases))]
 
     @property
     def theta(self) -> Floats:
@@ -219,22 +225,25 @@ class _Problem:
         )
         return dataclasses.replace(self._subject, parameters=Parameters.from_vector(theta), effects=effects)
 
-    def linearised(self, theta: Floats, share: Floats) -> tuple[Floats, Floats]:
+    def linearised(self, theta: Floats, share: Floats, parallel: ParallelMap = serial_map) -> tuple[Floats, Floats]:
         """Residuals and their derivatives by ln theta and by the shares, as `TimeDomain.linearised`, then the prior."""
+        items = [(number, theta, share) for number in range(len(self._cases))]
+        products = sum(parallel("refitting", _products, self, items), start=np.zeros(()))  # in the order of the cases
+        residuals, slopes = linearised_of(products)
         if not share.size:
-            return self._domain(share).linearised(theta, self.free)
-        steps = np.where(share < 0.5, STEP, -STEP)  # inwards
-        stepped = [self._domain(share + step) for step in np.diag(steps)]
-        others = [
-            np.stack([domain.accelerations(number, theta) for domain in stepped], axis=2)
-            for number in range(len(self._cases))
-        ]
-        residuals, slopes = self._domain(share).linearised(theta, self.free, others)
-        slopes[:, -share.size :] /= steps
+            return residuals, slopes
+        slopes[:, -share.size :] /= _steps(share)
         prior, along = self._prior(share)
         beside = np.zeros((prior.size, slopes.shape[1]))
         beside[:, -share.size :] = np.diag(along)
         return np.concatenate([residuals, prior]), np.concatenate([slopes, beside])
+
+    def products(self, number: int, theta: Floats, share: Floats) -> Floats:
+        """The part of one case in the products of residuals and derivatives; those by shares are differences."""
+        stepped = [self._domain(number, share + step) for step in np.diag(_steps(share))]
+        others = [domain.accelerations(0, theta) for domain in stepped]
+        domain = self._domain(number, share)
+        return domain.products(0, theta, self.free, np.stack(others, axis=2) if others else None)
 
     def _prior(self, share: Floats) -> tuple[Floats, Floats]:
         """Weighted multiples of the prior spread of each parameter (m,), and their derivatives by its share."""
@@ -246,13 +255,24 @@ class _Problem:
             ])  # fmt: skip
 
         at, weight = multiples(share), np.sqrt(self._settings.prior_weight)
-        step = np.where(share < 0.5, STEP, -STEP)
+        step = _steps(share)
         return weight * at, weight * (multiples(share + step) - at) / step
 
     def shares(self) -> Floats:
         """The effect parameters of the subject as shares of their ranges, (m,)."""
         return self._ranges.shares(self._values)
 
-    def _domain(self, share: Floats) -> TimeDomain:
-        subject = self.subject(share, self.theta)
-        return TimeDomain(self._cases, subject, RegularizationTerm(self.theta, 0.0), self._clocks, self._substeps)
+    def _domain(self, number: int, share: Floats) -> TimeDomain:
+        """The objective of one case."""
+        subject, substeps = self.subject(share, self.theta), self._substeps[number : number + 1]
+        none = RegularizationTerm(self.theta, 0.0)
+        return TimeDomain([self._cases[number]], subject, none, self._clocks, substeps)
+
+
+def _products(problem: _Problem, item: tuple[int, Floats, Floats]) -> Floats:
+    return problem.products(*item)
+
+
+def _steps(share: Floats) -> Floats:
+    """Steps of shares (m,) for their derivatives, inwards."""
+    return np.where(share < 0.5, STEP, -STEP)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -57,36 +57,41 @@ def trace(
     if not train:
         return build_undecided(subject, subject, uses, lacking, needs, s, left_out, seed)
     on_stage("fitting parameters", 0.0)
+    checkpoint = {} if checkpoint is None else checkpoint
+    known = set(checkpoint)
     before = refitted(train, subject, s, seed, checkpoint, parallel)
     if lacking:
         return build_undecided(subject, before, uses, lacking, needs, s, left_out, seed)
     check_stable(before, [*train, *choose, *report])
-    known = set(checkpoint or ())
     rounds, ended = _rounds(before, uses, s, seed, on_stage, checkpoint, parallel)
     outcomes = [outcome for _, outcome in rounds]
     after = rounds[-1][0]
     found = build_result(subject, before, after, outcomes, uses, s, left_out, seed, ended)
-    computed = checkpoint is None or set(checkpoint) != known
-    return dataclasses.replace(found, calibrated="anew" if computed else "found")
+    return dataclasses.replace(found, calibrated="found" if set(checkpoint) == known else "anew")
 
 
 def refitted(
-    train: Sequence[Case], subject: Subject, s: TraceSettings, seed: int, checkpoint: Checkpoint | None,
-    parallel: ParallelMap,
+    train: Sequence[Case], subject: Subject, s: TraceSettings, seed: int, checkpoint: Checkpoint, parallel: ParallelMap
 ) -> Subject:  # fmt: skip
     """The subject with one theta fitted to all events, and its effects too, which are refitted beside an added one.
 
     Otherwise the added effect would be credited with the change of the others.
     """
-    key = f"refit {fingerprint(train, subject, seed, s.base)}"
-    if checkpoint is not None and key in checkpoint:
+
+    def fit() -> Subject:
+        found = fit_joint(train, subject, seed, s.base, parallel).subject
+        return jointly_refitted(found, train, s.joint_refit, parallel) if found.effects else found
+
+    return _stored(checkpoint, f"refit {fingerprint(train, subject, seed, s.base)}", subject, fit)
+
+
+def _stored(checkpoint: Checkpoint, key: str, subject: Subject, fit: Callable[[], Subject]) -> Subject:
+    """The subject with the stored values of a fit of its theta and its effects, or the new fit, which is stored."""
+    if key in checkpoint:
         return _with_values(subject, **checkpoint[key])
-    found = fit_joint(train, subject, seed, s.base, parallel).subject
-    if found.effects:
-        found = jointly_refitted(found, train, s.joint_refit)
-    if checkpoint is not None:
-        values = [dict(one.values) for one in found.effects]
-        checkpoint[key] = {"theta": found.parameters.vector().tolist(), "effects": values}
+    found = fit()
+    values = [dict(one.values) for one in found.effects]
+    checkpoint[key] = {"theta": found.parameters.vector().tolist(), "effects": values}
     return found
 
 
@@ -99,7 +104,7 @@ def _with_values(subject: Subject, theta: Sequence[float], effects: Sequence[Map
 
 def _rounds(
     subject: Subject, uses: Sequence[Sequence[Case]], s: TraceSettings, seed: int, on_stage: OnStage,
-    checkpoint: Checkpoint | None, parallel: ParallelMap,
+    checkpoint: Checkpoint, parallel: ParallelMap,
 ) -> tuple[list[tuple[Subject, Outcome]], str]:  # fmt: skip
     """Greedy rounds until one adds nothing, each with the subject after it; and why no further one was possible.
 
@@ -114,7 +119,9 @@ def _rounds(
             if not found:
                 raise
             return found, NO_FURTHER.format(error)
-        subject, outcome = _with_joint_refit(subject, outcome, uses, s)
+        if outcome.adds_effect:
+            on_stage("refitting", 0.0)
+        subject, outcome = _with_joint_refit(subject, outcome, uses, s, checkpoint, parallel)
         found.append((subject, outcome))
         fit = outcome.chosen
         if fit is None or not outcome.adds_effect:  # another round would find the same cause again
@@ -125,8 +132,9 @@ def _rounds(
 
 
 def _with_joint_refit(
-    subject: Subject, outcome: Outcome, uses: Sequence[Sequence[Case]], s: TraceSettings
-) -> tuple[Subject, Outcome]:
+    subject: Subject, outcome: Outcome, uses: Sequence[Sequence[Case]], s: TraceSettings,
+    checkpoint: Checkpoint, parallel: ParallelMap,
+) -> tuple[Subject, Outcome]:  # fmt: skip
     """The subject with the chosen effect, refitted to all events; unchanged if its own prediction is no better.
 
     It is compared with the subject refitted in the same way without the effect, because theta alone may gain by that.
@@ -140,12 +148,20 @@ def _with_joint_refit(
     def percent(one: Subject) -> float:
         return mean_percent([errors(case, answer(one, case)) for case in choose])
 
+    def with_textbook_laws(one: Subject) -> Subject:
+        key = f"joint refit {fingerprint(train, one, 0, s.joint_refit)}"
+        return _stored(checkpoint, key, one, lambda: jointly_refitted(one, train, s.joint_refit, parallel))
+
+    def with_general_law(one: Subject) -> Subject:
+        key = f"general refit {fingerprint(train, one, 0, (s.joint_refit, chosen.to_dict()))}"
+        return _stored(checkpoint, key, one, lambda: generalised(one, train, s.joint_refit, [chosen], parallel))
+
     chosen = outcome.chosen.subject
     *others, last = chosen.effects
     plain = dataclasses.replace(chosen, effects=(*others, last.textbook))
-    textbook = jointly_refitted(plain, train, s.joint_refit)
-    fitted = min((textbook, generalised(textbook, train, s.joint_refit, also=[chosen])), key=percent)
-    before = min(percent(subject), percent(jointly_refitted(subject, train, s.joint_refit)))
+    textbook = with_textbook_laws(plain)
+    fitted = min((textbook, with_general_law(textbook)), key=percent)
+    before = min(percent(subject), percent(with_textbook_laws(subject)))
     after = percent(fitted)
     if not after < (1.0 - s.evidence.least_improvement) * before:
         return subject, outcome.refused(NO_BETTER.format(before, after))
