@@ -182,7 +182,7 @@ def as_in_other_processes(stage: str, function: Any, shared: Any, items: Sequenc
 
 
 def test_a_refit_has_the_same_digits_with_cases_in_other_processes() -> None:
-    law, few = hiding.one_sided, JointRefitSettings(first_evaluations=20, evaluations=20)
+    law, few = hiding.one_sided, JointRefitSettings(first_evaluations=60, evaluations=60)
     here, there = (
         generalised(one_sided_textbook(), cases(law=law), few, parallel=parallel)
         for parallel in (serial_map, as_in_other_processes)

@@ -289,7 +289,7 @@ def test_a_further_round_that_is_unstable_leaves_the_effects_so_far(monkeypatch:
         return outcomes.pop()
 
     monkeypatch.setattr(trace_module, "one_round", one_round)
-    monkeypatch.setattr(trace_module, "_with_joint_refit", lambda subject, outcome, *_: (f"{subject}+", outcome))
+    monkeypatch.setattr(trace_module, "_with_joint_refit", lambda subject, outcome, *_, **__: (f"{subject}+", outcome))
     found, ended = trace_module._rounds("body", ([], [], []), SHORT, 7, lambda *_: None, {}, serial_map)
     assert [subject for subject, _ in found] == ["body+"]
     assert ended == "no further effect was searched for: road_1: it runs away"
@@ -671,7 +671,7 @@ def test_rounds_end_when_one_adds_nothing_or_the_prediction_is_good(after, scale
         return SimpleNamespace(chosen=SimpleNamespace(prior_scale=scale), adds_effect=adds, after=after)
 
     monkeypatch.setattr(trace_module, "one_round", one_round)
-    monkeypatch.setattr(trace_module, "_with_joint_refit", lambda subject, outcome, *_: (f"{subject}+", outcome))
+    monkeypatch.setattr(trace_module, "_with_joint_refit", lambda subject, outcome, *_, **__: (f"{subject}+", outcome))
     s = dataclasses.replace(SHORT, most_effects=3, enough=0.5)
     found, ended = trace_module._rounds("body", ([], [], []), s, 7, lambda *_: None, {}, serial_map)
     assert [subject for subject, _ in found] == ["body+", "body++", "body+++"][:count] and not ended

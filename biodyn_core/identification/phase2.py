@@ -186,10 +186,14 @@ def least_squares(problem: TimeDomain, start: Floats, free: Flags, evaluations: 
     return (start, PENALTY) if objective >= PENALTY else (theta(end), objective)
 
 
-def trust_region(linearised: Linearised, start: Floats, evaluations: int) -> tuple[Floats, float]:
+def trust_region(
+    linearised: Linearised, start: Floats, evaluations: int, least_decrease: float = 1e-8
+) -> tuple[Floats, float]:
     """The minimum (p,) of a sum of squares, and that sum, from a function that returns residuals and derivatives.
 
-    The sum is `PENALTY` where residuals are not finite at the start.
+    least_decrease: a step that decreases the sum by a smaller share is the last one. With 1e-10 no parameter of a fit
+    changes by more than 1e-6, and it takes a third longer. The sum is `PENALTY` where residuals are not finite at the
+    start.
     """
     memory: dict[bytes, tuple[Floats, Floats]] = {}
 
@@ -209,7 +213,7 @@ def trust_region(linearised: Linearised, start: Floats, evaluations: int) -> tup
         start,
         jac=lambda point: evaluated(point)[1],
         xtol=1e-8,
-        ftol=1e-8,  # 1e-10 changes no parameter by more than 1e-6, and takes a third longer
+        ftol=least_decrease,
         gtol=1e-12,
         max_nfev=evaluations // (start.size + 1) + 1,
     )

@@ -179,7 +179,7 @@ def _descended(problem: _Problem, evaluations: int, parallel: ParallelMap) -> Jo
         slopes[:, phi.size :] *= share * (1.0 - share)
         return residuals, slopes
 
-    end, objective = trust_region(linearised, start, evaluations)
+    end, objective = trust_region(linearised, start, evaluations, problem.settings.least_decrease)
     return JointFit(problem.subject(logistic(end[phi.size :]), theta(end[: phi.size])), objective)
 
 
@@ -190,8 +190,8 @@ class _Problem:
         self, subject: Subject, cases: Sequence[Case], free: Flags, clocks: Clocks, textbook: bool,
         settings: JointRefitSettings,
     ) -> None:  # fmt: skip
-        self.free, self._subject, self._cases, self._clocks = free, subject, cases, clocks
-        self._settings = settings
+        self.free, self.settings = free, settings
+        self._subject, self._cases, self._clocks = subject, cases, clocks
         self._fitted = [
             one.effect.textbook_parameters if textbook else one.effect.parameters for one in subject.effects
         ]
@@ -214,7 +214,7 @@ class _Problem:
 
     def start(self) -> Floats:
         """The start of the effect parameters, on the real line (m,)."""
-        return self._ranges.unbounded(self._values, self._settings.inside)
+        return self._ranges.unbounded(self._values, self.settings.inside)
 
     def subject(self, share: Floats, theta: Floats) -> Subject:
         """The subject with these shares and theta (15,)."""
@@ -254,7 +254,7 @@ class _Problem:
                 for (_, p), s in zip(self._parameters, shares, strict=True)
             ])  # fmt: skip
 
-        at, weight = multiples(share), np.sqrt(self._settings.prior_weight)
+        at, weight = multiples(share), np.sqrt(self.settings.prior_weight)
         step = _steps(share)
         return weight * at, weight * (multiples(share + step) - at) / step
 

@@ -218,10 +218,12 @@ class JointRefitSettings:
 
     inside: float = 0.02
     """A start keeps this share of each range from both ends, as that of theta does."""
-    first_evaluations: int = 150
+    first_evaluations: int = 75
     """Largest number of evaluations of all cases from each start."""
     evaluations: int = 1500
     """The same from the best end."""
+    least_decrease: float = 1e-5
+    """A step that decreases the sum of squares by a smaller share is the last one: at 1e-4, 0.7 % was left once."""
     halvings: int = 8
     """The strengths of a start that is unstable are halved at most so many times."""
     prior_weight: float = 1e-5

@@ -121,7 +121,7 @@ def _rounds(
             return found, NO_FURTHER.format(error)
         if outcome.adds_effect:
             on_stage("refitting", 0.0)
-        subject, outcome = _with_joint_refit(subject, outcome, uses, s, checkpoint, parallel)
+        subject, outcome = _with_joint_refit(subject, outcome, uses, s, checkpoint, parallel, first=not found)
         found.append((subject, outcome))
         fit = outcome.chosen
         if fit is None or not outcome.adds_effect:  # another round would find the same cause again
@@ -133,11 +133,12 @@ def _rounds(
 
 def _with_joint_refit(
     subject: Subject, outcome: Outcome, uses: Sequence[Sequence[Case]], s: TraceSettings,
-    checkpoint: Checkpoint, parallel: ParallelMap,
+    checkpoint: Checkpoint, parallel: ParallelMap, first: bool = True,
 ) -> tuple[Subject, Outcome]:  # fmt: skip
     """The subject with the chosen effect, refitted to all events; unchanged if its own prediction is no better.
 
     It is compared with the subject refitted in the same way without the effect, because theta alone may gain by that.
+    After the first round the subject is the end of such a refit.
     The general form of its law stays if it predicts the events for choosing better than the textbook form. A subject
     whose simulation is unstable in any event is of no use, however well it predicts the others.
     """
@@ -161,7 +162,7 @@ def _with_joint_refit(
     plain = dataclasses.replace(chosen, effects=(*others, last.textbook))
     textbook = with_textbook_laws(plain)
     fitted = min((textbook, with_general_law(textbook)), key=percent)
-    before = min(percent(subject), percent(with_textbook_laws(subject)))
+    before = min(percent(one) for one in (subject, *([with_textbook_laws(subject)] if first else [])))
     after = percent(fitted)
     if not after < (1.0 - s.evidence.least_improvement) * before:
         return subject, outcome.refused(NO_BETTER.format(before, after))
