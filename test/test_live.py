@@ -452,7 +452,8 @@ def test_reset_and_mark_respond(graph: Graph) -> None:
     sensors = Sensors(graph, SENSORS, SHORT)
     graph.wait(sensors.matched, "six inputs matched")
     sensors.send()
-    graph.wait(lambda: SEAT in node.pipeline.exposure().sensors, "exposure")
+    counted = offline()[2].exposure().sensors[SEAT]
+    graph.wait(lambda: node.pipeline.exposure().sensors.get(SEAT) == counted, "every sample is counted")
     for service, text in (("reset", "is set to zero"), ("mark", "mark 1 at")):
         client = tester.create_client(Trigger, f"/biodyn/{service}")
         graph.wait(client.service_is_ready, service)
@@ -460,7 +461,8 @@ def test_reset_and_mark_respond(graph: Graph) -> None:
         graph.wait(future.done, service)
         assert future.result().success
         assert text in future.result().message
-    assert node.pipeline.exposure().sensors[SEAT].vdv_mps175 < 0.1
+    after = node.pipeline.exposure().sensors[SEAT]
+    assert after.vdv_mps175 == after.seconds == 0.0 < counted.vdv_mps175
     graph.wait(lambda: [message.data for message in marks] == ["mark 1"], "the mark is published")
 
 

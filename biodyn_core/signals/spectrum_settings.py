@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import scipy
-
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.settings import check_settings, setting
 
@@ -22,6 +20,8 @@ class SpectrumSettings:
 
     def __post_init__(self) -> None:
         check_settings(self)
+        import scipy  # the help of commands has no need of it
+
         try:
             scipy.signal.get_window(self.window, 16)
         except ValueError:
