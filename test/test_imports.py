@@ -222,6 +222,13 @@ def test_a_model_loads_without_the_slow_parts_of_scipy() -> None:
     assert not {"scipy.signal", "scipy.interpolate"} & set(model)
 
 
+def test_a_live_node_loads_scipy_before_the_first_sample() -> None:
+    """Parts of scipy load at their first use, which would delay samples by half a second."""
+    _, live = loaded_in_turn()
+    parts = ("fft", "interpolate", "linalg", "ndimage", "optimize", "signal", "special")
+    assert {f"scipy.{part}" for part in parts} <= set(live)
+
+
 @pytest.mark.parametrize(
     ("path", "source", "fault"),
     [

@@ -207,7 +207,9 @@ def test_an_effect_is_not_added_where_theta_alone_gains_as_much() -> None:
     tiny = applied("gain", "neck", gain=0.001)
     fit = dataclasses.replace(without(), subject=dataclasses.replace(poor, effects=(tiny,)))
     outcome = rounds.Outcome(a_round({"gain": 0.9}), None, hiding.nuisance(), without(), fit)
-    subject, refused = trace_module._with_joint_refit(poor, outcome, (cases[:3], cases[3:], ()), SHORT, {}, serial_map)
+    subject, refused = trace_module._with_joint_refit(
+        poor, outcome, (cases[:3], cases[3:], ()), SHORT, {}, serial_map, first=True
+    )
     assert subject is poor and not refused.adds_effect and "without nuisance parameters" in refused.why
 
 
@@ -227,10 +229,10 @@ def test_stored_refits_of_an_added_effect_are_not_computed_again(monkeypatch: py
     local = dataclasses.replace(without(), subject=chosen)
     outcome = rounds.Outcome(a_round({"asymmetry": 0.9}), None, hiding.nuisance(), without(), local)
 
-    def added() -> Subject:
+    def added(first: bool = True) -> Subject:
         kept = json.loads(json.dumps(stored))
         uses = cases[:3], cases[3:5], cases[5:]
-        found, _ = trace_module._with_joint_refit(hiding.TRUTH, outcome, uses, SHORT, kept, serial_map)
+        found, _ = trace_module._with_joint_refit(hiding.TRUTH, outcome, uses, SHORT, kept, serial_map, first)
         stored.update(kept)
         return found
 
@@ -241,6 +243,14 @@ def test_stored_refits_of_an_added_effect_are_not_computed_again(monkeypatch: py
     outcome = dataclasses.replace(outcome, chosen=dataclasses.replace(local, subject=chosen))
     added()
     assert len(fits) == 5 == len(stored)  # another effect; the refit without it is the same
+    stored.clear()
+    added(first=False)
+    assert len(fits) == 7  # a further effect: the subject without it is the end of a refit
+
+
+def test_the_draws_are_found_if_only_refits_are_computed() -> None:
+    assert trace_module._calibrated({"refit 1", "joint refit 2", "general refit 3"}) == "found"
+    assert trace_module._calibrated({"refit 1", "preliminary 2"}) == "anew"
 
 
 def wild(case: Case) -> Case:
@@ -258,10 +268,10 @@ def test_an_effect_with_an_unstable_simulation_is_not_added(monkeypatch: pytest.
         a_round({"gain": 0.9}), None, hiding.nuisance(), without(), dataclasses.replace(without(), subject=good)
     )
     uses = cases[:3], cases[3:6], cases[6:]
-    added, named = trace_module._with_joint_refit(hiding.TRUTH, outcome, uses, SHORT, {}, serial_map)
+    added, named = trace_module._with_joint_refit(hiding.TRUTH, outcome, uses, SHORT, {}, serial_map, first=True)
     assert added is good and named.adds_effect
     uses = cases[:3], cases[3:6], [*cases[6:], wild(cases[6])]
-    subject, refused = trace_module._with_joint_refit(hiding.TRUTH, outcome, uses, SHORT, {}, serial_map)
+    subject, refused = trace_module._with_joint_refit(hiding.TRUTH, outcome, uses, SHORT, {}, serial_map, first=True)
     assert subject is hiding.TRUTH and not refused.adds_effect
     assert refused.why == "with it the simulation of wild_1 is unstable"
 
@@ -664,18 +674,23 @@ def test_a_tilt_is_listed_once_whether_the_subject_stores_it_or_not() -> None:
 )
 def test_rounds_end_when_one_adds_nothing_or_the_prediction_is_good(after, scale, adds, count, monkeypatch) -> None:
     """... or after the largest number; effects after the first one need the probability of a name."""
-    asked = []
+    asked, firsts, stages = [], [], []
 
     def one_round(subject, train, choose, s, seed, on_stage, checkpoint, parallel, least):
         asked.append((subject, seed, least))
         return SimpleNamespace(chosen=SimpleNamespace(prior_scale=scale), adds_effect=adds, after=after)
 
+    def with_refit(subject, outcome, *_, first):
+        firsts.append(first)
+        return f"{subject}+", outcome
+
     monkeypatch.setattr(trace_module, "one_round", one_round)
-    monkeypatch.setattr(trace_module, "_with_joint_refit", lambda subject, outcome, *_, **__: (f"{subject}+", outcome))
+    monkeypatch.setattr(trace_module, "_with_joint_refit", with_refit)
     s = dataclasses.replace(SHORT, most_effects=3, enough=0.5)
-    found, ended = trace_module._rounds("body", ([], [], []), s, 7, lambda *_: None, {}, serial_map)
+    found, ended = trace_module._rounds("body", ([], [], []), s, 7, lambda *stage: stages.append(stage), {}, serial_map)
     assert [subject for subject, _ in found] == ["body+", "body++", "body+++"][:count] and not ended
     assert asked == [("body", 7, 0.0), ("body+", 8, s.named_from), ("body++", 9, s.named_from)][:count]
+    assert firsts == [True, False, False][:count] and stages == [("refitting", 0.0)] * (count if adds else 0)
 
 
 def test_a_stored_theta_is_used_for_its_events_and_seed(monkeypatch) -> None:

@@ -202,7 +202,7 @@ class TimeDomain:
         products = term.T @ term
         for number in range(len(self.cases)):
             products += self.products(number, theta, free, others[number] if others else None)
-        self._penalised(products[-1, -1])
+        self._penalised(products[-1, -1])  # counts it
         return linearised_of(products)
 
     def products(self, number: int, theta: Floats, free: Flags, others: Floats | None = None) -> Floats:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import scipy
+from scipy import signal  # noqa: TID253 - loads all parts before the first sample of a pipeline, not at it
 
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.segments import N_SEGMENTS, SEGMENTS
@@ -211,7 +211,7 @@ class IntervalEstimator:
             return accel
         # A sample without a number would stay in the filter for good; its window is not counted.
         finite = np.where(np.isfinite(accel), accel, 0.0)
-        weighted, self._weighting = scipy.signal.sosfilt(self._sections, finite, axis=0, zi=self._weighting)
+        weighted, self._weighting = signal.sosfilt(self._sections, finite, axis=0, zi=self._weighting)
         return np.concatenate([accel, weighted], axis=1)
 
     def _count(self, window: Window) -> None:

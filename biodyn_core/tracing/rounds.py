@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import MutableMapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -46,6 +46,9 @@ from biodyn_core.tracing.settings import PreliminarySettings, TraceSettings
 
 Checkpoint = MutableMapping[str, Any]
 """Stored results of the long stages of traces, by a key that identifies the problem."""
+
+PRELIMINARY: Final = "preliminary"
+"""The first word of the keys of screenings with their preliminary fits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +217,7 @@ def _preliminary(
     The starts of candidates follow from all events, also from those that are not in `few`.
     """
     tried = [(one.key, one.strength, sorted(one.start.values.items())) for one in candidates]
-    key = f"preliminary {fingerprint([*few.train.cases, *few.choose.cases], few.subject, seed, (settings, tried))}"
+    key = f"{PRELIMINARY} {fingerprint([*few.train.cases, *few.choose.cases], few.subject, seed, (settings, tried))}"
     if checkpoint is not None and key in checkpoint:
         return from_checkpoint(checkpoint[key], candidates)
     found = preliminary_fits(few, candidates, seed, on_stage, settings, parallel)

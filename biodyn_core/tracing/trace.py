@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
-from typing import Final
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Final, Literal
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from biodyn_core.tracing.joint_refit import generalised, jointly_refitted
 from biodyn_core.tracing.preliminary_fit import OnStage
 from biodyn_core.tracing.probability import packaged
 from biodyn_core.tracing.results import build_result, build_undecided
-from biodyn_core.tracing.rounds import Checkpoint, Outcome, one_round
+from biodyn_core.tracing.rounds import PRELIMINARY, Checkpoint, Outcome, one_round
 from biodyn_core.tracing.settings import TraceSettings
 
 NO_BETTER: Final = (
@@ -67,7 +67,12 @@ def trace(
     outcomes = [outcome for _, outcome in rounds]
     after = rounds[-1][0]
     found = build_result(subject, before, after, outcomes, uses, s, left_out, seed, ended)
-    return dataclasses.replace(found, calibrated="found" if set(checkpoint) == known else "anew")
+    return dataclasses.replace(found, calibrated=_calibrated(set(checkpoint) - known))
+
+
+def _calibrated(computed: Iterable[str]) -> Literal["anew", "found"]:
+    """Whether the draws of the screening are among the results of these keys, which this trace has computed."""
+    return "anew" if any(key.startswith(PRELIMINARY) for key in computed) else "found"
 
 
 def refitted(
@@ -133,7 +138,7 @@ def _rounds(
 
 def _with_joint_refit(
     subject: Subject, outcome: Outcome, uses: Sequence[Sequence[Case]], s: TraceSettings,
-    checkpoint: Checkpoint, parallel: ParallelMap, first: bool = True,
+    checkpoint: Checkpoint, parallel: ParallelMap, first: bool,
 ) -> tuple[Subject, Outcome]:  # fmt: skip
     """The subject with the chosen effect, refitted to all events; unchanged if its own prediction is no better.
 
