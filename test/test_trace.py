@@ -693,7 +693,7 @@ def test_rounds_end_when_one_adds_nothing_or_the_prediction_is_good(after, scale
     assert firsts == [True, False, False][:count] and stages == [("refitting", 0.0)] * (count if adds else 0)
 
 
-def test_a_stored_theta_is_used_for_its_events_and_seed(monkeypatch) -> None:
+def test_a_stored_theta_is_used_for_its_events_seed_and_settings(monkeypatch) -> None:
     cases, fits, stored = list(hiding.events(3)), [], {}
     theta = 1.01 * hiding.TRUTH.parameters.vector()
 
@@ -702,11 +702,14 @@ def test_a_stored_theta_is_used_for_its_events_and_seed(monkeypatch) -> None:
         return SimpleNamespace(subject=dataclasses.replace(subject, parameters=Parameters.from_vector(theta)))
 
     monkeypatch.setattr(trace_module, "fit_joint", fit)
+    other = dataclasses.replace(SHORT, joint_refit=dataclasses.replace(SHORT.joint_refit, least_decrease=1e-4))
     refitted = [
-        trace_module.refitted(train, hiding.TRUTH, SHORT, seed, stored, None)
-        for train, seed in ((cases, 1), (cases, 1), (cases, 2), (cases[:2], 1))
-    ]
-    assert fits == [1, 2, 1] and len(stored) == 3
+        trace_module.refitted(train, hiding.TRUTH, s, seed, stored, None)
+        for train, seed, s in (
+            (cases, 1, SHORT), (cases, 1, SHORT), (cases, 2, SHORT), (cases[:2], 1, SHORT), (cases, 1, other),
+        )
+    ]  # fmt: skip
+    assert fits == [1, 2, 1, 1] and len(stored) == 4
     json.dumps(stored)
     for one in refitted:
         np.testing.assert_array_equal(one.parameters.vector(), theta)

@@ -71,7 +71,10 @@ def trace(
 
 
 def _calibrated(computed: Iterable[str]) -> Literal["anew", "found"]:
-    """Whether the draws of the screening are among the results of these keys, which this trace has computed."""
+    """`anew` if the draws of the screening are among the results that this trace has computed, `found` if it read them.
+
+    computed: the keys of these results.
+    """
     return "anew" if any(key.startswith(PRELIMINARY) for key in computed) else "found"
 
 
@@ -87,7 +90,7 @@ def refitted(
         found = fit_joint(train, subject, seed, s.base, parallel).subject
         return jointly_refitted(found, train, s.joint_refit, parallel) if found.effects else found
 
-    return _stored(checkpoint, f"refit {fingerprint(train, subject, seed, s.base)}", subject, fit)
+    return _stored(checkpoint, f"refit {fingerprint(train, subject, seed, (s.base, s.joint_refit))}", subject, fit)
 
 
 def _stored(checkpoint: Checkpoint, key: str, subject: Subject, fit: Callable[[], Subject]) -> Subject:
@@ -142,10 +145,10 @@ def _with_joint_refit(
 ) -> tuple[Subject, Outcome]:  # fmt: skip
     """The subject with the chosen effect, refitted to all events; unchanged if its own prediction is no better.
 
-    It is compared with the subject refitted in the same way without the effect, because theta alone may gain by that.
-    After the first round the subject is the end of such a refit.
-    The general form of its law stays if it predicts the events for choosing better than the textbook form. A subject
-    whose simulation is unstable in any event is of no use, however well it predicts the others.
+    The general form of the effect's law stays if it predicts the events for choosing better than the textbook form. The
+    result is compared with the subject refitted in the same way without the effect, because theta alone may gain by
+    that; after the first round the subject is the end of such a refit. A subject whose simulation is unstable in any
+    event is of no use, however well it predicts the others.
     """
     if outcome.chosen is None or not outcome.adds_effect:
         return subject, outcome
@@ -167,7 +170,8 @@ def _with_joint_refit(
     plain = dataclasses.replace(chosen, effects=(*others, last.textbook))
     textbook = with_textbook_laws(plain)
     fitted = min((textbook, with_general_law(textbook)), key=percent)
-    before = min(percent(one) for one in (subject, *([with_textbook_laws(subject)] if first else [])))
+    without = with_textbook_laws(subject) if first else subject
+    before = min(percent(subject), percent(without))
     after = percent(fitted)
     if not after < (1.0 - s.evidence.least_improvement) * before:
         return subject, outcome.refused(NO_BETTER.format(before, after))
