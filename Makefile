@@ -4,8 +4,8 @@
 # PYTHON=python3.12 chooses the interpreter, VENV=.venv312 keeps its environment beside others,
 # PIP_CONSTRAINT=FILE pins versions, WORKERS=1 runs tests one after the other, ARGS='-k name' goes to pytest or to the
 # benchmarks, ARGS=stamps or ARGS=dds to the fault bench (four minutes), ARGS='tracing --count 2' to the blind studies:
-# without it, recovery and tracing. That of tracing takes longer than a day on two slow cores (the answers to 300 of its
-# 512 records took 16 hours of one core); it can be interrupted. make train learns the model of tracing anew from the
+# without it, recovery and tracing. That of tracing takes longer than a day on two slow cores (the 300 answers of a
+# short run took 16 hours of one core); it can be interrupted. make train learns the model of tracing anew from the
 # stored evidence, half an hour on two slow cores; bodies without it are simulated, 35 to 110 s of one core each.
 
 PYTHON ?= python3
