@@ -207,6 +207,7 @@ def test_nine_of_ten_right_answers_reach_the_threshold_of_the_set() -> None:
     assert np.mean([one.p_right >= threshold for one in found]) == pytest.approx(0.91)
 
 
+@pytest.mark.slow
 def test_drawn_bodies_are_calibrated_and_covered(bodies: list[Labelled]) -> None:
     """On bodies that were neither learned from nor calibrated on."""
     model = calibrate.learned(bodies[:1000], [], {}, 0.8).model

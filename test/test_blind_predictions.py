@@ -93,6 +93,7 @@ def test_coverage_is_95_percent_where_errors_have_the_spread_of_the_package() ->
         assert covered([one for one in found if one.figure == figure]) == pytest.approx(expected, abs=2.0)
 
 
+@pytest.mark.slow
 def test_the_factors_are_recovered() -> None:
     found = calibrated([drive(number, "" if number % 2 else "gain", 4.0, 0.3, seconds=150) for number in range(3)])
     assert vars(found.accel) == pytest.approx({"doses": 0.3, "peaks": 0.42}, rel=0.06)

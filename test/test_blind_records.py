@@ -128,6 +128,7 @@ def test_a_sitting_becomes_a_record_with_noise_that_does_not_follow_the_seat(bri
         assert np.sqrt((added**2).mean(axis=0)) == pytest.approx(0.3, rel=0.35)
 
 
+@pytest.mark.slow
 def test_a_sitting_is_the_same_alone_and_among_others(brief_rest: None) -> None:
     plan = Plan(counts=(1, 0, 0), seconds=(0.5, 0.0, 0.0), uses=("fit",), recorded=False)
     drawn = partial(sittings_drawn, seed=3, effects=0, plan=plan)

@@ -143,6 +143,7 @@ def test_a_refit_that_fails_does_not_take_the_ratio(
     assert found.ratio is not None and found.ratio > 0.8 and found.why == f"{fails}: gap_m is nan"
 
 
+@pytest.mark.slow
 def test_the_ceilings_of_two_effects_are_of_records_with_one_each(
     brief_rest: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -401,6 +401,7 @@ def test_a_damaged_campaign_json_is_one_line_and_stays(field: Path, tmp_path: Pa
     assert path.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_an_interrupted_campaign_stores_finished_subjects(field: Path, tmp_path: Path, alone) -> None:
     """A real Ctrl-C: to every process of the terminal."""
     out = tmp_path / "out"

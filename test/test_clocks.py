@@ -195,6 +195,7 @@ def test_any_cut_into_blocks_gives_the_same_bits(seed: int, cuts: list[int]) -> 
     assert clocks.result() == whole
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_record() -> None:
     clocks, most = ClockComparison(), 0
     for hour in range(20):

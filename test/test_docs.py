@@ -176,6 +176,7 @@ def test_every_command_of_every_page_is_parsed(line: str) -> None:
     parsed(words if words[0] != "live" else words[:1])
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_the_commands_of_the_tracing_protocol_run(
     small_refits: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture

@@ -606,6 +606,7 @@ print(accel[-1].tolist())
 """
 
 
+@pytest.mark.slow
 def test_a_second_process_uses_the_compilation_cache(tmp_path) -> None:
     """... and one that may write nowhere does without."""
 
@@ -634,7 +635,15 @@ def test_a_tampered_file_is_not_run(tmp_path, monkeypatch) -> None:
     assert generated.cached_file(path, text).read_text() == text
 
 
-@pytest.mark.parametrize("name", ["cubic", "friction", "reflex", "lift_off", "viscera", "bending"])  # one of each kind
+@pytest.mark.parametrize(
+    "name",
+    [
+        "reflex",
+        "lift_off",
+        "viscera",
+        *(pytest.param(each, marks=pytest.mark.slow) for each in ("cubic", "friction", "bending")),
+    ],
+)  # one of each kind
 def test_a_second_effect_does_not_move_the_first(name: str) -> None:
     """Idle ones before and after it change nothing."""
     effect, seat = applied(name, **STRONG.get(name, {})), shock()

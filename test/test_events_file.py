@@ -218,6 +218,7 @@ def test_folders_that_overlap_in_time_are_reported(place: Path, tmp_path: Path) 
 # --- commands --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_subject_is_fitted_and_validated_on_events(
     place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

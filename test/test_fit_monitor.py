@@ -62,6 +62,7 @@ def step(seconds: int, begin: int, end: int, factor: float) -> np.ndarray:
     return np.where((np.arange(seconds) >= begin) & (np.arange(seconds) < end), factor, 1.0)
 
 
+@pytest.mark.slow
 def test_a_drive_of_the_law_is_silent_for_two_hours() -> None:
     assert monitored(frames(2 * 3600)).misfits() == []
 

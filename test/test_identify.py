@@ -45,6 +45,7 @@ def found() -> Identification:
     return identify(fitted_cases(), SUBJECT, 1, QUICK)
 
 
+@pytest.mark.slow
 def test_the_order_of_the_tasks_does_not_matter() -> None:
     found = identify(fitted_cases(), SUBJECT, 1, FEW)
     again = identify(fitted_cases(), SUBJECT, 1, FEW, shuffled)
@@ -77,7 +78,8 @@ def test_the_results_by_case_are_those_of_single_fits(found: Identification) -> 
 
 
 @pytest.mark.parametrize(
-    ("mass_matrix", "declared"), [("segment", "segment"), ("segment", "cascade"), ("cascade", "segment")]
+    ("mass_matrix", "declared"),
+    [("segment", "segment"), pytest.param("segment", "cascade", marks=pytest.mark.slow), ("cascade", "segment")],
 )
 def test_the_true_mass_matrix_is_called_better_for_any_declared_one(
     mass_matrix: str, declared: str, found: Identification

@@ -47,7 +47,7 @@ def assert_theta_is_true(found: Subject, rel: float) -> None:
     ("change", "law", "name", "site", "truth"),
     [
         (hiding.louder, hiding.plain, "gain", "neck", {"gain": 0.1}),
-        (hiding.later, hiding.plain, "clock", "head", {"delay_s": 0.004}),
+        pytest.param(hiding.later, hiding.plain, "clock", "head", {"delay_s": 0.004}, marks=pytest.mark.slow),
         (
             hiding.on_skin,
             hiding.plain,
@@ -56,7 +56,7 @@ def assert_theta_is_true(found: Subject, rel: float) -> None:
             SKIN,
         ),
         (hiding.nothing, hiding.orifice, "quadratic_damping", "pelvis", {"growth_s_per_m": 4.0}),
-        (hiding.nothing, hiding.thrown, "lift_off", "pelvis", {}),
+        pytest.param(hiding.nothing, hiding.thrown, "lift_off", "pelvis", {}, marks=pytest.mark.slow),
     ],
 )
 def test_theta_and_a_hidden_effect_are_recovered_together(change, law, name: str, site: str, truth: dict) -> None:
@@ -161,6 +161,7 @@ def one_sided_general() -> Subject:
     return generalised(one_sided_textbook(), cases(law=hiding.one_sided))
 
 
+@pytest.mark.slow
 def test_a_general_form_comes_nearer_to_a_law_that_the_textbook_form_is_not() -> None:
     """A joint that is stiffer on one side alone is no quadratic law."""
     textbook, general = one_sided_textbook(), one_sided_general()
@@ -181,6 +182,7 @@ def as_in_other_processes(stage: str, function: Any, shared: Any, items: Sequenc
     return iter(done[::-1])
 
 
+@pytest.mark.slow
 def test_a_refit_has_the_same_digits_with_cases_in_other_processes() -> None:
     law, few = hiding.one_sided, JointRefitSettings(first_evaluations=60, evaluations=60)
     here, there = (

@@ -101,7 +101,10 @@ def symlinked(tmp_path_factory: pytest.TempPathFactory) -> Installed:
     return colcon(tmp_path_factory.mktemp("symlinked"), "--symlink-install")
 
 
-@pytest.fixture(scope="module", params=["colcon", "colcon-symlink", "pip-prefix", "pip-target"])
+@pytest.fixture(
+    scope="module",
+    params=["colcon", "colcon-symlink", "pip-prefix", pytest.param("pip-target", marks=pytest.mark.slow)],
+)
 def installed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Installed:
     if request.param == "colcon-symlink":
         return request.getfixturevalue("symlinked")

@@ -246,6 +246,7 @@ def test_the_page_has_the_spread_of_people_and_not_the_slope_at_the_mean() -> No
     assert "\n".join(page.parameter_table(of)) in published
 
 
+@pytest.mark.slow
 def test_people_of_the_population_have_the_spread_of_the_group() -> None:
     """Mean within one standard deviation nearly everywhere, the spread within a factor of 2.2, from 1 Hz on."""
     drawn = [

@@ -161,6 +161,7 @@ def test_the_maximum_is_that_of_the_linear_problem_near_the_fit() -> None:
     assert 0.05 < near.distance(at) / near.distance(theta) < 0.95
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_data_and_prior_together() -> None:
     """White noise: (H / variance + precision of the prior)^-1; the scatter of the data is estimated by windows."""
     case, truth = recorded("road", 6.0)[1], people()[1]

@@ -277,6 +277,7 @@ def test_times_count_from_the_first_instant_for_any_bin_width():
     assert traces.event().peak_ns - traces.first_ns == 100_000_000_000
 
 
+@pytest.mark.slow
 def test_memory_is_flat_in_the_length_of_the_record():
     traces, sizes = Traces(), []
     rng = np.random.default_rng(0)

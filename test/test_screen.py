@@ -34,8 +34,8 @@ def screening(change=hiding.nothing, law=hiding.plain) -> Screening:
     ("change", "law", "name", "site", "least", "times"),
     [
         (hiding.louder, hiding.plain, "gain", "neck", 0.3, 2.0),
-        (hiding.later, hiding.plain, "clock", "head", 0.3, 2.0),
-        (hiding.on_skin, hiding.plain, "skin", "head", 0.3, 2.0),
+        pytest.param(hiding.later, hiding.plain, "clock", "head", 0.3, 2.0, marks=pytest.mark.slow),
+        pytest.param(hiding.on_skin, hiding.plain, "skin", "head", 0.3, 2.0, marks=pytest.mark.slow),
         # Theta explains most of it, and typical friction half of the rest.
         (hiding.nothing, hiding.orifice, "quadratic_damping", "pelvis", 0.01, 1.5),
     ],

@@ -90,7 +90,14 @@ def held_out_events(found: Trace) -> list:
     ("change", "law", "name", "site", "truth"),
     [
         (hiding.louder, hiding.plain, "gain", "neck", {"gain": 0.1}),
-        (hiding.nothing, hiding.orifice, "quadratic_damping", "pelvis", {"growth_s_per_m": 4.0}),
+        pytest.param(
+            hiding.nothing,
+            hiding.orifice,
+            "quadratic_damping",
+            "pelvis",
+            {"growth_s_per_m": 4.0},
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_a_hidden_effect_is_named_with_site_and_size(change, law, name: str, site: str, truth: dict) -> None:

@@ -273,7 +273,7 @@ sys.exit(main([]))
 """
 
 
-@pytest.mark.parametrize("call", [1, 20])
+@pytest.mark.parametrize("call", [pytest.param(1, marks=pytest.mark.slow), 20])
 def test_sigterm_in_the_middle_of_a_call_during_the_start_is_a_clean_end(call: int) -> None:
     """The node then has a subscription or a publisher whose events rclpy does not know yet."""
     with ros_graph() as graph:
@@ -298,6 +298,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.slow
 def test_an_apt_only_install_predicts_with_uncompiled_kernels_and_warns(tmp_path: Path) -> None:
     whole = noisy_streams(2.0)  # 0.8 s of rest, and a second of motion
     streams = [

@@ -272,6 +272,7 @@ def test_a_parameter_on_a_bound_is_named_and_has_no_interval() -> None:
         profile(fit, [case], "mass_scale")
 
 
+@pytest.mark.slow
 def test_profiles_are_closed_for_identifiable_parameters_and_open_for_others() -> None:
     subject, rng = soft_subject(), np.random.default_rng(6)
     seat = quiet_road(0.3)

@@ -134,7 +134,9 @@ def test_a_jumping_clock_is_found_with_its_sensor() -> None:
     assert clock.values == {"delay_s": pytest.approx(0.002, rel=0.25), "drift": 0.0}  # two windows of three
 
 
-@pytest.mark.parametrize("segment", ["central_torso", "head"])  # one has no sensor
+@pytest.mark.parametrize(
+    "segment", ["central_torso", pytest.param("head", marks=pytest.mark.slow)]
+)  # one has no sensor
 def test_a_wandering_line_is_found_with_its_segment(segment: str) -> None:
     line = assert_found(hiding.nuisance(wandering(segment)), "periodic", segment, 1.0, 1.5)
     assert line.values["frequency_hz"] == pytest.approx(LINE_HZ, abs=1.0)
