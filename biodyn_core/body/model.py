@@ -144,7 +144,7 @@ class Chain:
         return dataclasses.replace(self, elements=(*self.elements, *more)) if more else self
 
     def loaded_mass_kg(self, effects: Iterable[AppliedEffect]) -> Floats:
-        """The masses of the segments with all that effects hang on them, (6,) kg."""
+        """The masses of the segments with the masses that effects add, (6,) kg."""
         loaded_kg = self.mass_kg.copy()
         for applied, effect in active(effects, ChainEffect):
             if applied.site != SEAT:
@@ -152,7 +152,7 @@ class Chain:
         return loaded_kg
 
     def _element(self, applied: AppliedEffect, effect: ChainEffect, carried_kg: Floats) -> Element:
-        """carried_kg (6,): masses of the segments with all that effects hang on them."""
+        """carried_kg (6,): masses of the segments with the masses that effects add."""
         everywhere = applied.site == SEAT
         index = 0 if everywhere else SEGMENTS.index(applied.site)
         joint = self._whole() if everywhere else self._joint(index, carried_kg)

@@ -29,7 +29,7 @@ MOST_SHARE: Final = 10.0
 ROUNDED: Final = 1.0 + 1e-9
 
 BAND_SCATTER: Final = 1.4
-"""Prior standard deviation of ln s^2 of a band around that of all bands: a band without motion says nothing itself."""
+"""Prior standard deviation of ln s^2 of a band about that of all bands: a band without motion shows none."""
 
 LEAST_SQUARE: Final = 1e-12
 """Mean squares below it, (m/s^2)^2, are zero but for rounding."""

@@ -14,7 +14,7 @@ class DualRangeSettings:
 
     saturation_mps2: float = setting(
         ConditioningSettings.saturation_mps2,
-        "reading of one axis from which the low-g channel is at its rail",
+        "reading of one axis from which the low-g channel is at the end of its range",
         "m/s^2", 10.0, 5000.0,
     )  # fmt: skip
     compared_s: float = setting(

@@ -224,7 +224,7 @@ class ChainEffect(Effect):
     """An effect inside the chain, integrated with it; each subclass defines the arguments of its law.
 
     law: a function of scalars that uses `math` and builtins alone; its last arguments are the constants. constants:
-    these numbers, from the joint and the values of the parameters. carried_kg: the mass that it hangs on the chain.
+    these numbers, from the joint and the values of the parameters. carried_kg: the mass that it adds to the chain.
     """
 
     law: Callable[..., Any]

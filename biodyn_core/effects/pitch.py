@@ -14,7 +14,7 @@ from biodyn_core.effects.second_order import second_order
 
 
 def _transform(seat_mps2: Floats, rate_hz: float, channels: Channels, values: Values) -> Floats:
-    """Rigid-body acceleration at the pelvis: a_s + l q' + l' p' - l_z (p^2 + q^2), through a soft frame."""
+    """Rigid-body acceleration at the pelvis: a_s + G (l q' + l' p' - l_z (p^2 + q^2)), G a soft frame."""
     p, q = channels["seat.rate_x"], channels["seat.rate_y"]
     turned = values["forward_m"] * np.gradient(q, 1.0 / rate_hz) + values["left_m"] * np.gradient(p, 1.0 / rate_hz)
     added = turned - values["up_m"] * (p**2 + q**2)
@@ -27,7 +27,7 @@ EFFECT = SeatTransform(
     name="pitch",
     family="horizontal",
     equation="a_s + l q' + l' p' - l_z (p^2 + q^2)",
-    general_form="a_s + l q' + l' p' - l_z (p^2 + q^2), through a frame of second order",
+    general_form="a_s + G (l q' + l' p' - l_z (p^2 + q^2)), G a frame of second order",
     signature="coherent with q', in all segments",
     parameters=(
         EffectParameter("forward_m", "m", -0.5, 0.5, 0.15, "strength"),

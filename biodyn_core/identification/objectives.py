@@ -113,7 +113,7 @@ class PriorTerm:
         return np.asarray(np.sqrt(self.weight) * self.prior.standardized(theta))
 
     def variances(self, theta: Floats) -> Floats:
-        """Variances (15,) of ln theta at theta (15,) by the prior alone, infinite where it says nothing."""
+        """Variances (15,) of ln theta at theta (15,) by the prior alone, infinite without a prior."""
         found = np.full(N_PARAMETERS, np.inf)
         found[SPREAD] = np.diag(self.prior.covariance_at(theta)) / self.scale
         return found

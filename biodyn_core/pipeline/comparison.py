@@ -150,7 +150,7 @@ class Comparison:
         return all(aligner.reaches(first_s, self._epoch_ns) for aligner in self._aligners.values())
 
     def release(self, give_up: bool = False) -> MeasuredFrames:
-        """Answer the instants that all sensors have reached and those given up; all of them where `give_up`."""
+        """Return the comparisons at instants that all sensors have reached or are given up; `give_up`: at all."""
         found = self._released(math.inf if give_up else -math.inf)
         if not self._given_up:
             return found
@@ -158,7 +158,7 @@ class Comparison:
         return MeasuredFrames(*map(np.concatenate, zip(*parts, strict=True)))
 
     def _released(self, give_up_s: float) -> MeasuredFrames:
-        """Answer the instants that all sensors have reached, and every instant before `give_up_s`."""
+        """Return the comparisons at the instants that all sensors have reached, and at all before `give_up_s`."""
         if not self._pending or not (give_up_s > self._pending[0].time_s[0] or self._first_is_reached()):
             return NO_MEASURED
         grid = _Instants.join(self._pending)

@@ -47,7 +47,7 @@ class MonitorSettings:
 
     @property
     def least_windows(self) -> int:
-        """Windows in motion before the largest misfit could be found: a test of fewer says nothing."""
+        """Windows in motion before the largest misfit could be found: a test of fewer decides nothing."""
         return math.ceil(self.threshold / (self.largest_excess - self.allowance))
 
 

@@ -79,7 +79,7 @@ def curves(subject: Subject, magnitude_mps2: float, as_printed: bool = False) ->
 
 
 def _seat_force_n(chain: Chain, response: Response, as_printed: bool) -> Floats:
-    """The force of the seat on the body over time, (n,), with what effects hang on the segments, without the foam's."""
+    """The force of the seat on the body over time, (n,), with the masses that effects add, without the foam's."""
     by_inertia_n = chain.seat_force(response, as_printed=as_printed)
     # The inertia of the segments omits the mass of viscera, and includes what a backrest carries. The joint does not.
     on_segments = any(element.effect.place == "segment" for element in chain.elements)

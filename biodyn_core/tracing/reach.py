@@ -39,7 +39,7 @@ class Reach:
         return cls(*(np.median(each, axis=0) for each in zip(*found, strict=True)))
 
     def at(self, effect: Effect, site: str) -> float:
-        """The length, m, that the law of an effect sees at a site: of a joint its stretch; nan outside the chain."""
+        """The length, m, on which an effect depends at a site: of a joint its stretch; nan outside the chain."""
         if effect.place not in ("joint", "segment") or site not in SEGMENTS:
             return float("nan")
         lengths = self.stretch_m if effect.place == "joint" else self.displacement_m

@@ -21,7 +21,7 @@ def _add(command: CommandParser) -> None:
     add_subject(command)
     source = command.add_mutually_exclusive_group(required=True)
     source.add_argument("--seat", metavar="FILE", help="measured seat motion: CSV, or a bag")
-    source.add_argument("--case", metavar="CASES", help=f"random load cases in sequence: {','.join(CASES)}")
+    source.add_argument("--case", metavar="CASES", help=f"random loading conditions in sequence: {','.join(CASES)}")
     command.add_argument("--seat-rate", type=float, metavar="HZ", help="rate of a CSV without a time column")
     command.add_argument(
         "--seconds", type=float, metavar="N", help=f"length of each case (default {CASE_S:g}), or limit for the file"
