@@ -30,7 +30,7 @@ OMEGA, ZETA = 52.9, 0.224
 HALF_SINES: Final = ((5.0, 0.05), (5.0, 0.08), (-5.0, 0.08), (10.0, 0.1), (8.0, 0.2))
 """Peak in g and length in seconds."""
 
-HIC_RATES_HZ: Final = (1129.3, 4000.0)
+HIC_RATES_HZ: Final = (250.0, 500.0, 1129.3, 4000.0)
 WINDOWS_S: Final = {"hic15": 0.015, "hic36": 0.036}
 BRUTE_RATE_HZ: Final = 20_000.0
 
@@ -141,9 +141,12 @@ def _decay_rows(rate_hz: float) -> list[Row]:
 def _of_samples(turn_s: float, rate_hz: float) -> float:
     """Relative error of HIC, a mean to the power of 2.5, due to sampling.
 
-    First part: linear interpolation of a half-sine of `turn_s`; second part: a window half a sample off the optimum.
+    First part: straight lines below a half-sine of `turn_s`, by 1/12 of the squared period times the curvature over whole
+    periods, and 1/11 or less over 3.75 and more. Second part: a window a quarter of a millisecond off the optimum, or
+    half a sample of a faster record.
     """
-    return 2.5 * (math.pi / (turn_s * rate_hz)) ** 2 * (1.0 / 12.0 + 1.0 / 8.0)
+    finer_hz = max(rate_hz, 2000.0)
+    return 2.5 * (math.pi / turn_s) ** 2 * (1.0 / (11.0 * rate_hz**2) + 1.0 / (8.0 * finer_hz**2))
 
 
 def _head(modes: list[Mode], rate_hz: float, forward: float, up: float) -> dict[str, dict[str, float]]:
@@ -165,8 +168,8 @@ length T plus (ω / f)² / 8 for a peak between two of them; (ω / f)² / 6 for 
 HIC_WORDS: Final = f"""\
 From `hic15` and `hic36`, levels of 60 ms. Reference: closed forms, and brute force over all windows at
 {BRUTE_RATE_HZ / 1e3:g} kHz for the decaying oscillation. A level longer than the window is exact. Otherwise the
-tolerance is the uncertainty of sampling at a rate f, 2.5 (π / T f)² (1/12 + 1/8): straight lines across a half-sine of
-length T, and a window half a period off the best."""
+tolerance is the uncertainty of sampling at a rate f, 2.5 (π / T)² (1 / 11 f² + 1 / 8 F²): straight lines below a
+half-sine of length T, and a window half a period of F off the best. F is f, or 2000 Hz if that is more."""
 
 
 def sections() -> list[RowTable]:

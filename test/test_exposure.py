@@ -658,7 +658,7 @@ def test_filters_and_oscillators_continue_over_a_reset():
 
 
 class Bins:
-    """The rolling window's bins, stored as index ranges: closed when full, and at a reset."""
+    """The rolling window's bins, stored as index ranges."""
 
     def __init__(self, window_s: float) -> None:
         self.length = round(BIN_S * RATE_HZ)
@@ -696,7 +696,6 @@ def test_rolling_figures_are_those_of_the_last_bins(seed, pieces, window_s):
         at += count
         if reset:
             meter.reset()
-            bins.close()
             resets.append(at)
     weighted = filtered(accel[:at])
     span = weighted[bins.span]
@@ -715,6 +714,24 @@ def test_rolling_figures_are_those_of_the_last_bins(seed, pieces, window_s):
         assert found.peak_mps2 == pytest.approx(np.abs(span).max(), rel=ROUNDING)
         assert found.mtvv_linear_mps2 == pytest.approx(linear.max(), rel=ROUNDING)
         assert found.mtvv_exponential_mps2 == pytest.approx(exponential.max(), rel=ROUNDING)
+
+
+@settings(max_examples=40)
+@given(SEEDS, st.lists(st.integers(0, 300), min_size=1, max_size=30), st.floats(0.2, 1.5))
+def test_resets_change_no_rolling_dose(seed, pieces, window_s):
+    accel = noise(seed, 30 * 300 / RATE_HZ)
+    meter, plain, at = DoseMeter("Wk", RATE_HZ, 1, window_s), DoseMeter("Wk", RATE_HZ, 1, window_s), 0
+    for number, count in enumerate(pieces):
+        for one in (meter, plain):
+            one.push(np.ascontiguousarray(accel[at : at + count]))
+            if number % 5 == 4:
+                one.skip(0.03 * number)
+        at += count
+        meter.reset()
+        found, expected = meter.rolling()[0], plain.rolling()[0]
+        for field in ("aw_mps2", "vdv_mps175", "peak_mps2", "seconds"):
+            assert getattr(found, field) == pytest.approx(getattr(expected, field), rel=1e-12), field
+        assert meter.since_reset()[0].seconds == 0.0
 
 
 def filtered(accel: np.ndarray) -> np.ndarray:

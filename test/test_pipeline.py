@@ -301,6 +301,36 @@ def test_reset_sets_the_prediction_s_figures_to_zero() -> None:
     assert {dose.seconds for dose in exposure.sensors.values()} == {0.0}
 
 
+@pytest.mark.parametrize("silent", [(), ("head",)], ids=["complete", "head-silent"])
+def test_no_figure_after_a_reset_contains_a_shock_before_it(silent: tuple[str, ...]) -> None:
+    """With a silent sensor the shock still waits for it at the reset; the window keeps the shock."""
+    quiet, shaken = noisy_streams(8.0, "road", 3), []
+    for stream in quiet:
+        accel, since_s = stream.accel_mps2.copy(), (stream.stamps_ns - START_NS) * 1e-9
+        accel[(since_s > 4.0) & (since_s < 4.1)] += 40.0
+        shaken.append(dataclasses.replace(stream, accel_mps2=accel))
+
+    def after_reset(streams: list[ImuStream]) -> Pipeline:
+        by_name, pipeline = {stream.sensor: stream for stream in streams}, Pipeline(subject())
+        for name, a, b in in_turn(streams, 100):
+            if (name, a) == (SEAT, 5100):  # 4.5 s
+                pipeline.reset()
+            if name not in silent:
+                pipeline.push(name, by_name[name].stamps_ns[a:b], by_name[name].accel_mps2[a:b])
+        return pipeline
+
+    found, expected = after_reset(shaken).exposure(), after_reset(list(quiet)).exposure()
+    for kind in ("measured_low_passed", "compared"):
+        assert getattr(found, kind).keys() == getattr(expected, kind).keys() != set()
+    for name, dose in found.measured_low_passed.items():
+        assert dose.vdv_mps175 < 1.5 * expected.measured_low_passed[name].vdv_mps175, name
+        assert dose.seconds == pytest.approx(expected.measured_low_passed[name].seconds, abs=1e-9)
+    for name, (rms_mps2, _) in found.residual.items():
+        assert rms_mps2 < 0.5, name  # the model still swings a little
+    rolling = after_reset(shaken).exposure(rolling=True).measured_low_passed[SEAT]
+    assert rolling.vdv_mps175 > 3.0 * found.measured_low_passed[SEAT].vdv_mps175
+
+
 def test_reset_sets_losses_to_zero() -> None:
     streams = noisy_streams()
     by_name = {stream.sensor: stream for stream in streams}

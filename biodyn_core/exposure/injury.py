@@ -27,6 +27,9 @@ DRI_BANDS: Final = ((5.2, "< 5.2"), (13.0, "5.2-13.0"), (17.7, "13.0-17.7"), (ma
 HIC_LENGTHS_S: Final = {"hic15": 0.015, "hic36": 0.036}
 """The longest window of each criterion."""
 
+HIC_RATE_HZ: Final = 2000.0
+"""Slower samples are interpolated linearly to this rate or more, because windows begin and end between samples."""
+
 
 @dataclass(frozen=True)
 class Dri:
@@ -125,7 +128,10 @@ class HicMeter(Meter[Hic]):
     """HIC of the head over all windows up to `length_s`; `push` gravity-free levelled acceleration (n, 3), z up."""
 
     def __init__(self, rate_hz: float, length_s: float, window_s: float) -> None:
-        self._rate_hz, self._length_s = rate_hz, length_s
+        self._bandwidth_hz, self._length_s = rate_hz / 2.0, length_s
+        self._steps = max(1, math.ceil(HIC_RATE_HZ / rate_hz))
+        self._rate_hz = rate_hz = self._steps * rate_hz
+        self._last = np.full((1, 3), np.nan)
         whole = math.floor(length_s * rate_hz + 1e-9)
         self._weights = np.append(np.arange(1, whole + 1) / rate_hz, length_s) ** -0.6
         self._history = np.zeros((3, 2, 2 * (whole + 2)))
@@ -136,18 +142,21 @@ class HicMeter(Meter[Hic]):
 
     def push(self, accel_mps2: Floats) -> None:
         """Count a block (n, 3)."""
+        if not accel_mps2.size:
+            return
         g = accel_mps2 / STANDARD_GRAVITY_MPS2
         channels = np.column_stack([np.abs(g[:, 2] + 1.0), np.abs(g[:, 2]), np.sqrt((g**2).sum(axis=1))])
+        finer, self._last = _interpolated(self._last, channels, self._steps), channels[-1:]
         t = self._tally
         kernels.head_injury(
-            channels, 1.0 / self._rate_hz, self._length_s, self._weights, self._history, self._filled,
+            finer, 1.0 / self._rate_hz, self._length_s, self._weights, self._history, self._filled,
             self._seen, self._windows, t.bin, t.total, t.ring, t.position, t.length,
         )  # fmt: skip
 
     def skip(self, seconds: float) -> None:
         """Move on by a break of that length; no window reaches across it."""
         self._seen += self._tally.skip(seconds)
-        self._filled[:, 0] = 0
+        self._begin_anew()
 
     def reset(self) -> None:
         """Set everything "since reset" to zero."""
@@ -158,7 +167,11 @@ class HicMeter(Meter[Hic]):
     def forget(self) -> None:
         """As `Meter.forget`: no window reaches back."""
         super().forget()
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
         self._filled[:, 0] = 0
+        self._last = np.full((1, 3), np.nan)
 
     def totals(self) -> Floats:
         """The totals, with begin and end of the windows and the seconds passed, (3, 4)."""
@@ -177,9 +190,22 @@ class HicMeter(Meter[Hic]):
         names = ("as_printed", "vertical", "resultant")
         largest = dict(zip(names, (rows[:, 0] ** 2.5).tolist(), strict=True))
         windows: dict[str, Window | None] = dict.fromkeys(names)
-        for name, span in zip(names, (self._windows / self._rate_hz).tolist(), strict=True):
+        # The interpolated samples come before each sample.
+        spans_s = (self._windows - (self._steps - 1)) / self._rate_hz
+        for name, span in zip(names, spans_s.tolist(), strict=True):
             windows[name] = Window(*span) if largest[name] > 0.0 and not rolling else None
-        return Hic(**largest, bandwidth_hz=self._rate_hz / 2.0, windows_s=windows)
+        return Hic(**largest, bandwidth_hz=self._bandwidth_hz, windows_s=windows)
+
+
+def _interpolated(before: Floats, rows: Floats, steps: int) -> Floats:
+    """Rows (n, c) after one (1, c), with steps - 1 rows linearly between, (n steps, c); between NaN they are NaN."""
+    if steps == 1:
+        return rows
+    share = np.arange(1, steps)[:, None] / steps
+    finer = np.empty((len(rows), steps, rows.shape[1]))
+    finer[:, :-1] = (1.0 - share) * np.vstack([before, rows[:-1]])[:, None] + share * rows[:, None]
+    finer[:, -1] = rows
+    return finer.reshape(-1, rows.shape[1])
 
 
 def first_order_hold(omega: float, zeta: float, step_s: float) -> Floats:

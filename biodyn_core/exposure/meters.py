@@ -88,6 +88,8 @@ class Tally:
         self.total = np.zeros((channels, columns))
         self.ring = np.zeros((max(1, math.ceil(window_s * rate_hz / self.length)), channels, columns))
         self.position = np.zeros(2, dtype=np.int64)
+        self._before_reset = np.zeros((channels, columns))
+        self._reset_in = -1
         self.absent = 0
 
     def since_reset(self) -> Floats:
@@ -96,12 +98,13 @@ class Tally:
 
     def rolling(self) -> Floats:
         """The total of the window, (c, k)."""
+        self._close_reset_bin()
         ring = self.ring
         if self.absent:  # the next slots have the oldest bins, which the window has left
             ring = ring[(int(self.position[1]) + np.arange(min(self.absent, len(ring)), len(ring))) % len(ring)]
         past = ring.max(axis=0, initial=0.0)
         past[:, : self.sums] = ring[:, :, : self.sums].sum(axis=0)
-        return self._join(past, self.bin)
+        return self._join(past, self._join(self._before_reset, self.bin))
 
     def end_window(self, absent_s: float) -> None:
         """Let the window end so long after the last sample, until this is called again."""
@@ -125,11 +128,23 @@ class Tally:
         self.total = self._join(self.total, earlier)
 
     def reset(self) -> None:
-        """Set the total since reset to zero; the rolling window continues."""
-        self.ring[self.position[1] % len(self.ring)] = self.bin
-        self.position[:] = 0, self.position[1] + 1
+        """Set the total since reset to zero; the rolling window continues, and so does its open bin."""
+        self._close_reset_bin()
+        self._before_reset = self._join(self._before_reset, self.bin)
+        self._reset_in = int(self.position[1])
         self.bin[:] = 0.0
         self.total[:] = 0.0
+
+    def _close_reset_bin(self) -> None:
+        """Add what a bin had before a reset to its place in the ring, once it has closed."""
+        passed = int(self.position[1]) - self._reset_in
+        if self._reset_in < 0 or passed == 0:
+            return
+        if passed <= len(self.ring):
+            slot = self._reset_in % len(self.ring)
+            self.ring[slot] = self._join(self.ring[slot], self._before_reset)
+        self._before_reset[:] = 0.0
+        self._reset_in = -1
 
     def skip(self, seconds: float) -> int:
         """Let time pass without samples; return their number. The rounding error is carried to the next break."""

@@ -121,6 +121,7 @@ class Comparison:
         self._aligners = {name: Aligner(keep_s=2.0 * wait_s) for name in MEASURED_SEGMENTS}
         self._pending: list[_Instants] = []
         self._given_up: list[MeasuredFrames] = []
+        self._before_reset = 0
         self._epoch_ns = 0
         self.residual = ResidualMeter(seat_rate_hz, len(MEASURED_SEGMENTS), window_s)
         self.doses = DoseMeter("Wk", seat_rate_hz, N_SENSORS, window_s)
@@ -181,8 +182,18 @@ class Comparison:
         """Doses by segment since reset, or over the last `window_s`, of the instants answered and predicted."""
         return _by_segment(self.compared.rolling() if rolling else self.compared.since_reset())
 
-    def _count(self, break_s: Floats, accel: Floats, columns: Floats, predicted: Floats, measured: Floats) -> None:
-        """Count the answered instants, run by run of the seat: nothing integrates across a break."""
+    def _count(self, *instants: Floats) -> None:
+        """Count the answered instants; those that were waiting at the last reset count in rolling figures alone."""
+        waiting = self._before_reset
+        if waiting > 0:
+            self._count_runs(*(values[:waiting] for values in instants))
+            self._before_reset -= min(waiting, instants[0].size)
+            self._reset_meters()
+        if waiting < instants[0].size:
+            self._count_runs(*(values[waiting:] for values in instants))
+
+    def _count_runs(self, break_s: Floats, accel: Floats, columns: Floats, predicted: Floats, measured: Floats) -> None:
+        """Count run by run of the seat: nothing integrates across a break."""
         begins = np.flatnonzero(~np.isnan(break_s)).tolist()
         for begin, end in pairwise([*([] if begins[:1] == [0] else [0]), *begins, break_s.size]):
             if not np.isnan(break_s[begin]):
@@ -198,7 +209,11 @@ class Comparison:
         return max(aligner.look_ahead for aligner in self._aligners.values())
 
     def reset(self) -> None:
-        """Set everything "since reset" to zero."""
+        """Set everything "since reset" to zero, also for the instants that still wait."""
+        self._before_reset = sum(part.time_s.size for part in self._pending)
+        self._reset_meters()
+
+    def _reset_meters(self) -> None:
         self.residual.reset()
         self.doses.reset()
         self.compared.reset()
