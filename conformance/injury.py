@@ -141,9 +141,9 @@ def _decay_rows(rate_hz: float) -> list[Row]:
 def _of_samples(turn_s: float, rate_hz: float) -> float:
     """Relative error of HIC, a mean to the power of 2.5, due to sampling.
 
-    First part: straight lines below a half-sine of `turn_s`, by 1/12 of the squared period times the curvature over whole
-    periods, and 1/11 or less over 3.75 and more. Second part: a window a quarter of a millisecond off the optimum, or
-    half a sample of a faster record.
+    First part: straight lines below a half-sine of `turn_s`, by 1/12 of the squared period times the curvature over
+    whole periods, and 1/11 or less over 3.75 and more. Second part: a window a quarter of a millisecond off the
+    optimum, or half a sample of a faster record.
     """
     finer_hz = max(rate_hz, 2000.0)
     return 2.5 * (math.pi / turn_s) ** 2 * (1.0 / (11.0 * rate_hz**2) + 1.0 / (8.0 * finer_hz**2))

@@ -54,6 +54,29 @@ def whole_chunks(path: Path) -> list[tuple[int, int]]:
     ]
 
 
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_a_flipped_bit_leads_to_no_wrong_message(tmp_path, compression):
+    """The summary is whole; each chunk states the checksum of its content."""
+    path, damaged = tmp_path / "whole.mcap", tmp_path / "damaged.mcap"
+    write_with_mcap(path, RECORDING, compression=COMPRESSIONS[compression])
+    with open_bag(path) as reader:
+        expected = {topic: set(messages) for topic, messages in read_ours(reader).items()}
+    with path.open("rb") as stream:
+        indexes = make_reader(stream).get_summary().chunk_indexes
+    assert len(indexes) > 5
+    whole, rng = path.read_bytes(), np.random.default_rng(3)
+    for index in indexes:
+        bits = bytearray(whole)
+        at = index.chunk_start_offset + 100 + int(rng.integers(index.chunk_length - 150))
+        bits[at] ^= 1 << int(rng.integers(8))
+        damaged.write_bytes(bits)
+        with open_bag(damaged) as reader:
+            found = read_ours(reader)
+            warned = any("damaged" in line for line in reader.warnings)
+        assert all(set(messages) <= expected[topic] for topic, messages in found.items())
+        assert warned and sum(map(len, found.values())) < sum(map(len, expected.values()))
+
+
 @pytest.mark.parametrize("who", ["mcap", "ours"])
 @pytest.mark.parametrize("compression", COMPRESSIONS)
 def test_every_whole_chunk_before_the_cut_is_recovered(tmp_path, who, compression):

@@ -100,6 +100,17 @@ def test_a_covariance_of_minus_one_means_no_gyro():
     assert block.accel_mps2.tolist() == [[1.0, 2.0, 3.0]] * 3
 
 
+def test_a_covariance_of_minus_one_means_no_acceleration():
+    """Imu.msg: disregard the estimate; the sample then counts as one that is not finite."""
+    messages = [bytearray(imu_bytes(n, (1, 2, 3, 4, 5, n), "imu", order)) for n, order in enumerate("<><")]
+    for n, order, element in ((0, "<", 0), (1, ">", 0), (2, "<", 1)):
+        struct.pack_into(f"{order}d", messages[n], len(messages[n]) - 296 + 224 + 8 * element, -1.0)
+    given = [bytes(message) for message in messages]
+    many = cdr.decode_imu(given * cdr.FEW).accel_mps2[:3]
+    for accel in (many, cdr.decode_imu(given).accel_mps2, cdr.decode_imu(given, gyro=True).accel_mps2):
+        assert np.isnan(accel[:2]).all() and accel[2].tolist() == [1.0, 2.0, 3.0]
+
+
 @pytest.mark.parametrize("cut", [0, 1, 3, 4, 12, 15, 16, 100, 200, 250, 319, 323])
 def test_a_cut_message_is_refused(cut):
     whole = imu_bytes(5, (1, 2, 3, 4, 5, 6), "imu_pelvis")

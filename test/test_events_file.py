@@ -105,6 +105,12 @@ Edit = Callable[[dict[str, Any]], object]
         ),
         (lambda d: d["sessions"][0].update(clock_ppm={"head": 2e3}), "head is 2000, allowed are -1000 to 1000"),
         (lambda d: d["events"][0].update(rest_bag="x"), "rest_bag 'x' is not among the sessions"),
+        (
+            lambda d: d["events"][0].update(name="../../elsewhere"),
+            "name of an event: '../../elsewhere' cannot be a file's",
+        ),
+        (lambda d: d["events"][0].update(name="/tmp/elsewhere"), "cannot be a file's"),
+        (lambda d: d["events"][0].update(name="a\0b"), "cannot be a file's"),
         (lambda d: d.update(events=[]), "has no events"),
         (lambda d: d.update(events={}), "events: expected a list"),
         (lambda d: d.update(schema=2), "schema is 2, this version reads 1: run biodyn events again"),
@@ -269,10 +275,16 @@ def test_the_command_writes_file_and_page(place: Path, tmp_path: Path, capsys: p
     assert load_events(output)[0].case == "kopfstein_pflaster"
     assert "kopfstein_pflaster" in Page(output.with_suffix(".html").read_text()).text
     assert main([*line, "--no-report", "--json"]) == 0
+    assert not list(output.parent.glob("*.earlier*")), "the same events again"
     listed = yaml.safe_load(output.read_text())
     assert_listed("events", listed)
     assert json.loads(capsys.readouterr().out) == yaml.safe_load(output.read_text())
     assert not output.with_suffix(".html").exists()
+    edited = output.read_text().replace("kopfstein_pflaster_01", "by_hand")
+    output.write_text(edited)
+    assert main([*line, "--no-report"]) == 0
+    assert "the earlier a.events.yaml is kept as a.events.earlier.yaml" in capsys.readouterr().err
+    assert (output.parent / "a.events.earlier.yaml").read_text() == edited != output.read_text()
 
 
 DOUBTFUL = {

@@ -17,6 +17,7 @@ the angular velocity if requested. Writers do not zero their padding: compare va
 from __future__ import annotations
 
 import contextlib
+import math
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -54,24 +55,24 @@ _HEADER_BYTES = 16
 _STRING_AT = 8
 _GYRO_AT = 104
 _ACCEL_AT = 200
-_IMU = _Layout(IMU_TYPE, 296, ((_ACCEL_AT, 3),))
-# The angular velocity, followed by the first element of its covariance.
-_IMU_WITH_GYRO = _Layout(IMU_TYPE, 296, ((_ACCEL_AT, 3), (_GYRO_AT, 4)))
+# Acceleration and angular velocity, each followed by the first element of its covariance.
+_IMU = _Layout(IMU_TYPE, 296, ((_ACCEL_AT, 4),))
+_IMU_WITH_GYRO = _Layout(IMU_TYPE, 296, ((_ACCEL_AT, 4), (_GYRO_AT, 4)))
 _ACCEL_STAMPED = _Layout(ACCEL_STAMPED_TYPE, 48)
 _STAMPED = _Layout("message that starts with std_msgs/Header", 0)
 
 LITTLE = b"\x00\x01\x00\x00"
 _HEAD = {0: struct.Struct(">iII"), 1: struct.Struct("<iII")}
 _STAMP = {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}
-# The covariance after the acceleration is not read but must exist: a message cut inside it is refused.
-_ACCEL = {0: struct.Struct(">3d72x"), 1: struct.Struct("<3d72x")}
+# Of the covariance after the acceleration only the first element is read, but a message cut inside it is refused.
+_ACCEL = {0: struct.Struct(">4d64x"), 1: struct.Struct("<4d64x")}
 
 
 @dataclass(frozen=True, eq=False)
 class ImuBlock:
     """Samples of one sensor: header stamps int64 (n,), specific force (n, 3) and angular rate (n, 3), SI units.
 
-    gyro_radps is None if it was not requested, and NaN in messages without one: covariance[0] = -1 (REP-145).
+    gyro_radps is None if it was not requested. Both are NaN in messages without one: covariance[0] = -1 (Imu.msg).
     """
 
     stamps_ns: Integers
@@ -102,10 +103,15 @@ def decode_imu_in(buffer: Bytes, offsets: Integers, lengths: Integers, gyro: boo
     """
     if not gyro:
         stamps_ns, (accel,) = _decode(_IMU, buffer, offsets, lengths)
-        return ImuBlock(stamps_ns, accel, None)
+        return ImuBlock(stamps_ns, _given(accel), None)
     stamps_ns, (accel, rates) = _decode(_IMU_WITH_GYRO, buffer, offsets, lengths)
-    rates[rates[:, 3] == -1.0] = np.nan
-    return ImuBlock(stamps_ns, accel, rates[:, :3])
+    return ImuBlock(stamps_ns, _given(accel), _given(rates))
+
+
+def _given(read: Floats) -> Floats:
+    """The vectors (n, 3) of rows (n, 4), NaN where the covariance that follows says that there is none."""
+    read[read[:, 3] == -1.0] = np.nan
+    return np.ascontiguousarray(read[:, :3])
 
 
 def decode_imu_one(message: bytes) -> tuple[int, tuple[float, float, float]]:
@@ -116,10 +122,10 @@ def decode_imu_one(message: bytes) -> tuple[int, tuple[float, float, float]]:
     try:
         order = message[0] << 8 | message[1]
         sec, nanosec, frame_bytes = _HEAD[order].unpack_from(message, 4)
-        x, y, z = _ACCEL[order].unpack_from(message, 4 + _ACCEL_AT + ((frame_bytes + 19) & ~7))
+        x, y, z, covariance = _ACCEL[order].unpack_from(message, 4 + _ACCEL_AT + ((frame_bytes + 19) & ~7))
     except (struct.error, IndexError, KeyError):
         raise InputError(_refusal(_IMU, message)) from None
-    return sec * NS_PER_S + nanosec, (x, y, z)
+    return sec * NS_PER_S + nanosec, (x, y, z) if covariance != -1.0 else (math.nan, math.nan, math.nan)
 
 
 def decode_string(message: bytes) -> str:

@@ -316,7 +316,7 @@ class McapStorage:
         return grouped(piece.start_ns, buffer, keys, *records.by_walking(data, group_of))
 
     def _chunk_data(self, record: bytes | memoryview) -> bytes | memoryview:
-        return records.chunk_data(record, self._path, is_verified=self.recovered)
+        return records.chunk_data(record, self._path)
 
     def _read(self, at: int, length: int) -> bytes:
         self._file.seek(at)

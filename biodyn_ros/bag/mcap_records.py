@@ -142,11 +142,10 @@ def by_walking(data: bytes | memoryview, group_of: dict[int, int]) -> tuple[Inte
     return group, log_ns, offsets, lengths
 
 
-def chunk_data(record: bytes | memoryview, path: Path, is_verified: bool) -> bytes | memoryview:
-    """The decompressed records inside a chunk record of a file; is_verified: whether to verify its checksum.
+def chunk_data(record: bytes | memoryview, path: Path) -> bytes | memoryview:
+    """The decompressed records inside a chunk record of a file, with the right checksum if it states one.
 
-    The checksum takes as long as the decompression, which detects most damage itself. Raises DamagedError, and
-    InputError for an unknown compression.
+    Raises DamagedError, and InputError for an unknown compression.
     """
     try:
         _, _, size, crc, name_bytes = CHUNK_HEAD.unpack_from(record, 9)
@@ -165,6 +164,6 @@ def chunk_data(record: bytes | memoryview, path: Path, is_verified: bool) -> byt
     data = _DECOMPRESS[compression](compressed, size)
     if len(data) != size:
         raise DamagedError(f"{counted(size, 'byte')} stated, {len(data)} decompressed")
-    if is_verified and crc and zlib.crc32(data) != crc:
+    if crc and zlib.crc32(data) != crc:
         raise DamagedError("its checksum is wrong")
     return data

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
+import re
 import shutil
 from collections.abc import Iterable
 from functools import partial
@@ -15,6 +16,8 @@ from biodyn_core.base.errors import InputError
 
 OWNER_ONLY: Final = 0o600
 """Permissions of personal data and of tokens."""
+
+_FILE_NAME: Final = re.compile(r"[^\W_][\w .+-]{0,99}")
 
 
 def write_text(path: Path, text: str, errors: str = "strict", mode: int = 0o666) -> None:
@@ -36,6 +39,12 @@ def write_text(path: Path, text: str, errors: str = "strict", mode: int = 0o666)
         if not isinstance(error, OSError):
             raise
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+
+
+def check_file_name(name: str, where: str) -> None:
+    """Raise InputError for a name that is no plain name of a file, such as one with a separator."""
+    if not _FILE_NAME.fullmatch(name):
+        raise InputError(f"{where}: {name!r} cannot be a file's; give a name of letters, digits and . - + _")
 
 
 def keep_copy(path: Path) -> Path:

@@ -54,9 +54,9 @@ def absolute(topic: str, node: str = NODE_NAME) -> str:
     return topic.replace("~", f"/{node}", 1)
 
 
-def status_name(of: str) -> str:
-    """The name of a diagnostic status: of a sensor, or of `prediction`, `exposure` or `page`."""
-    return f"{NODE_NAME}: {of}"
+def status_name(of: str, node: str = NODE_NAME) -> str:
+    """The name of a diagnostic status: of a sensor, or of `prediction`, `exposure`, `sending` or `page`."""
+    return f"{node}: {of}"
 
 
 def scalar_values(

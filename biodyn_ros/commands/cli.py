@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _escape_unprintable() -> None:
     """Print characters that cannot be encoded as escapes: a file name that is not UTF-8 has such characters."""
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+        if isinstance(stream, io.TextIOWrapper) and stream.errors in ("strict", "surrogateescape"):
             stream.reconfigure(errors="backslashreplace")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from biodyn_core.base.errors import InputError
@@ -41,11 +42,11 @@ def _add(command: CommandParser) -> None:
 def _run(options: argparse.Namespace) -> None:
     from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
     from biodyn_core.sessions.settings import SessionSettings
-    from biodyn_ros.base.files import check_directory, make_directory, remove
+    from biodyn_ros.base.files import check_directory, exists, keep_copy, make_directory, remove
     from biodyn_ros.events.finding import SessionOptions, find_sessions
     from biodyn_ros.events.refusals import parse_allowed
     from biodyn_ros.events.text import text_of
-    from biodyn_ros.reading.events_file import events_document, is_events_file, write_events
+    from biodyn_ros.reading.events_file import events_document, events_text, is_events_file, write_events
     from biodyn_ros.reading.mapping import parse_map
 
     output = Path(options.output)
@@ -65,6 +66,8 @@ def _run(options: argparse.Namespace) -> None:
     with Progress("reading") as progress:
         sessions = find_sessions(options.bag, how, progress)
     make_directory(output.parent)
+    if exists(output) and output.read_text(encoding="utf-8", errors="replace") != events_text(sessions, output.parent):
+        print(f"biodyn events: the earlier {output.name} is kept as {keep_copy(output).name}", file=sys.stderr)
     write_events(sessions, output)
     page = output.with_suffix(".html")
     if options.no_report:

@@ -36,7 +36,8 @@ class ConnectionLimiter(web.Server):
 
     def __init__(self, handler: Any, **kwargs: Any) -> None:
         limits = {"max_line_size": MAX_HEADER_BYTES, "max_field_size": MAX_HEADER_BYTES}
-        super().__init__(self._noting_requests(handler), **limits, **kwargs)
+        idle_s = REQUEST_TIMEOUT_S  # between requests too
+        super().__init__(self._noting_requests(handler), keepalive_timeout=idle_s, **limits, **kwargs)
         self._idle: set[Any] = set()
 
     def __call__(self) -> Any:

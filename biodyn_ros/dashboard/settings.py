@@ -58,13 +58,28 @@ def port_of(serving: ServingSettings) -> int:
     """The given port, or a free one; raises InputError if the address is not available."""
     if serving.page_port:
         return serving.page_port
-    family = socket.AF_INET6 if ipaddress.ip_address(serving.page_host).version == 6 else socket.AF_INET
     try:
-        with socket.socket(family) as free:
-            free.bind((serving.page_host, 0))
-            return int(free.getsockname()[1])
+        return _bound(serving)
     except OSError as error:
         raise InputError(f"page_host {serving.page_host}: the address cannot be used ({error.strerror})") from None
+
+
+def port_is_free(serving: ServingSettings) -> bool:
+    """Whether no other program listens at the address and port now."""
+    try:
+        _bound(serving)
+    except OSError:
+        return False
+    return True
+
+
+def _bound(serving: ServingSettings) -> int:
+    """Bind the port, or a free one, and release it again; return it."""
+    family = socket.AF_INET6 if ipaddress.ip_address(serving.page_host).version == 6 else socket.AF_INET
+    with socket.socket(family) as one:
+        one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does
+        one.bind((serving.page_host, serving.page_port))
+        return int(one.getsockname()[1])
 
 
 def page_token() -> str:

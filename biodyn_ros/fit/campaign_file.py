@@ -12,24 +12,20 @@ A campaign file is YAML; paths are relative to it, `name`, `hold_out` and `cases
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.suggestions import did_you_mean_file
 from biodyn_core.base.yaml_files import mapping_of, read_yaml, text_of
 from biodyn_core.body.parameters import UNFITTED
 from biodyn_core.body.subject import Subject, load_subject
-from biodyn_ros.base.files import exists
+from biodyn_ros.base.files import check_file_name, exists
 from biodyn_ros.base.resources import subject_file
 from biodyn_ros.reading.events_file import is_events_file
 from biodyn_ros.reading.given import bags_of
 from biodyn_ros.reading.parts import Bag, part_of
-
-_NAME: Final = re.compile(r"[^\W_][\w .+-]{0,99}")
 
 
 @dataclass(frozen=True)
@@ -79,8 +75,7 @@ def _entry(row: object, where: str, base: Path) -> tuple[Path, Entry]:
     given = mapping_of(row, where, ("subject", "bags"), ("name", "hold_out", "cases"))
     file, subject = subject_of(given["subject"], f"{where}.subject", base)
     name = text_of(given.get("name", subject.name), f"{where}.name")
-    if not _NAME.fullmatch(name):
-        raise InputError(f"{where}.name: {name!r} cannot be a file's; give a name of letters, digits and . - + _")
+    check_file_name(name, f"{where}.name")
     bags = _bags(given["bags"], f"{where}.bags", base)
     held_out = _bags(given.get("hold_out", []), f"{where}.hold_out", base)
     if not bags:

@@ -90,7 +90,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Status:
-    """Status of a sensor, or of `prediction`, `exposure` or `page`: level, message and values by key."""
+    """Status of a sensor, or of `prediction`, `exposure`, `sending` or `page`: level, message and values by key."""
 
     of: str
     level: int
@@ -136,6 +136,7 @@ class SensorHealth:
     _at_accepted: dict[str, int] = field(default_factory=dict)
     _numbers_from: int | None = None
     _offsets_s: deque[tuple[float, float]] = field(default_factory=deque)
+    _stamp_ns: int | None = None
 
     def arrived(self, count: int = 1) -> None:
         """Note that messages came just now."""
@@ -163,6 +164,9 @@ class SensorHealth:
         self.clock.push(np.array([stamp_ns]), np.array([arrival_ns]))
         arrival_minus_stamp_s = 1e-9 * (arrival_ns - stamp_ns)
         now = self.now()
+        if self._stamp_ns is not None and stamp_ns < self._stamp_ns - 1_000_000_000:
+            self._offsets_s.clear()  # stamps have jumped back, as those of a looped bag: that is no lag
+        self._stamp_ns = stamp_ns
         while self._offsets_s and self._offsets_s[0][0] < now - window_s:
             self._offsets_s.popleft()
         # Ascending from the left: a later, smaller offset replaces the larger ones before it.
@@ -399,6 +403,12 @@ def storage_status(store: ExposureStore) -> Status:
     level, message = (WARN, store.failure) if store.failure else (OK, "stored across restarts")
     values = {"state_file": str(store.path), "went_on": str(store.resumed).lower()}
     return Status("exposure", level, message, values)
+
+
+def sending_status(paused: bool, unsent: int) -> Status:
+    """Status of the topics of single samples."""
+    slow = "single samples are not sent: a subscriber hangs, or the machine is too slow; blocks are sent"
+    return Status("sending", WARN if paused else OK, slow if paused else "samples are sent", {"unsent": str(unsent)})
 
 
 def page_status(address: str, failure: str) -> Status:

@@ -11,6 +11,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from functools import partial
+from pathlib import Path
 from typing import Any, Final
 
 import rclpy
@@ -39,11 +40,11 @@ from biodyn_ros.base.resources import subject_file
 from biodyn_ros.base.shutdown import Shutdown
 from biodyn_ros.base.wording import compared_without
 from biodyn_ros.dashboard.child import PageChild
-from biodyn_ros.dashboard.settings import ServingSettings, check_page
+from biodyn_ros.dashboard.settings import ServingSettings, check_page, port_is_free
 from biodyn_ros.node import params
 from biodyn_ros.node.callbacks import guarded, make_executor, spin
 from biodyn_ros.node.exposure_store import ExposureStore, StateFile, identity_of, state_path
-from biodyn_ros.node.health import HealthMonitor, Status, page_status, storage_status
+from biodyn_ros.node.health import HealthMonitor, Status, page_status, sending_status, storage_status
 from biodyn_ros.node.publications import Publications
 from biodyn_ros.node.settings import SETTINGS, LiveSettings
 from biodyn_ros.node.snapshot_builder import SnapshotBuilder
@@ -52,6 +53,9 @@ from biodyn_ros.node.warmup import warm_up
 
 DRAIN_RATE_HZ: Final = 30.0
 """One of the six sensors is served at each tick, so that a drain delays the seat only briefly."""
+
+QUEUED_PER_S: Final = 2 * 1129.3
+"""With a short queue the ticks follow faster, so that a queue is at most half full at the nominal rate."""
 
 REFRESH_RATE_HZ: Final = 20.0
 """How often topics are checked for subscribers.
@@ -143,7 +147,8 @@ class BiodynNode(LifecycleNode):
         if self.settings.dashboard:
             check_page()
         subject = load_subject(subject_file(self.settings.subject_file))
-        limits = load_limits(self.settings.limits_file) if self.settings.limits_file else EU_LIMITS
+        given = self.settings.limits_file
+        limits = load_limits(Path(given).expanduser()) if given else EU_LIMITS
         conditioning, settings = params.read(self, ConditioningSettings), params.read(self, PipelineSettings)
         self._warn_of_slow_kernels(warm_up(subject))
         pipeline = Pipeline(subject, conditioning, settings, limits)
@@ -179,7 +184,7 @@ class BiodynNode(LifecycleNode):
         self._start_timers(
             [
                 (1e3 / block_ms if block_ms else REFRESH_RATE_HZ, self._take_block),
-                (DRAIN_RATE_HZ, self._sensors.drain),
+                (max(DRAIN_RATE_HZ, len(SENSORS) * QUEUED_PER_S / self.settings.queue_depth), self._sensors.drain),
                 (REFRESH_RATE_HZ, self._update_subscribers),
             ]
         )
@@ -193,9 +198,16 @@ class BiodynNode(LifecycleNode):
             ]
         )
         if self.settings.dashboard:
-            self._page = PageChild(self.get_fully_qualified_name(), self.context.get_domain_id(), self._serving)
-            self.get_logger().info(f"the page: {self._page.link}")
+            self._start_page()
         self.get_logger().info(f"predicting for {self.pipeline.subject.name}, listening to {len(SENSORS)} sensors")
+
+    def _start_page(self) -> None:
+        is_free = port_is_free(self._serving)
+        self._page = PageChild(self.get_fully_qualified_name(), self.context.get_domain_id(), self._serving)
+        if is_free:
+            self.get_logger().info(f"the page: {self._page.link}")
+        else:  # the link would open the page of another node
+            self.get_logger().error(f"the page cannot be served at {self._page.address}: set another page_port")
 
     def _start_timers(self, rates: list[tuple[float, Callable[[], None]]]) -> None:
         """Start timers on a steady clock of their own: rcl warns of more than seven on one clock."""
@@ -313,6 +325,8 @@ class BiodynNode(LifecycleNode):
             self.get_logger().warning(str(mark))
             self._publications.mark(mark)
         self._statuses = self._health.check(compare_clocks=not self.get_clock().ros_time_is_active)
+        budget = self._publications.budget
+        self._statuses.append(sending_status(budget.paused, budget.unsent))
         if self._store is not None:
             self._statuses.append(storage_status(self._store))
         if self._page is not None:
@@ -360,7 +374,9 @@ class BiodynNode(LifecycleNode):
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         stored = self._store.reset() if self._store is not None else ""
-        self._process_waiting()  # they came before the reset
+        if self._sensors is not None:
+            self._sensors.take_all()  # they came before the reset, and so did those that wait
+        self._process_waiting()
         self._exposure.reset()
         return self._done(response, f"exposure since reset is set to zero{stored and f'; {stored}'}")
 

@@ -6,6 +6,7 @@ Samples leave one by one on six topics, and in blocks on one. A block costs abou
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from typing import Any, Final, Generic
 
@@ -18,12 +19,14 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import Float64, String
 from trajectory_msgs.msg import JointTrajectory
 
+from biodyn_core.base.arrays import Integers
 from biodyn_core.pipeline.frames import Frames, MeasuredFrames, PredictedFrames
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.bag.blocks import AnyFrames, BlockEncoder, measured_blocks, predicted_blocks
 from biodyn_ros.bag.cdr import AccelStampedTemplate
 from biodyn_ros.base import topics
 from biodyn_ros.node.health import Mark, Status, seat_fault, silences_s
+from biodyn_ros.node.sending_budget import SendingBudget
 
 OUTPUT_DEPTH: Final = 2000
 BLOCK_DEPTH: Final = 400
@@ -31,11 +34,14 @@ BLOCK_DEPTH: Final = 400
 
 SCALAR_DEPTH: Final = 10
 
+LONGEST_STEP_NS: Final = 50_000_000
+"""A longer step between blocks is a break."""
+
 
 class AccelTopics:
     """The AccelStamped topics of one kind, one for each column of its frames."""
 
-    def __init__(self, node: LifecycleNode, names: dict[str, str]) -> None:
+    def __init__(self, node: LifecycleNode, names: dict[str, str], budget: SendingBudget) -> None:
         overrides = QoSOverridingOptions.with_default_policies()
         self.publishers = [
             node.create_publisher(AccelStamped, topic, _reliable(), qos_overriding_options=overrides)
@@ -43,6 +49,8 @@ class AccelTopics:
         ]
         self._fills = [AccelStampedTemplate(frame_id=name).fill for name in names]
         self._wanted: list[tuple[int, Any, Any]] = []
+        self._budget = budget
+        self._last_ns: int | None = None
 
     def update_subscribers(self) -> None:
         """From now on send only the columns whose topics have subscribers."""
@@ -59,13 +67,22 @@ class AccelTopics:
         return bool(self._wanted)
 
     def publish(self, frames: PredictedFrames | MeasuredFrames) -> None:
-        """Send every value that is not NaN."""
-        if self._wanted and frames.stamps_ns.size:
+        """Send every value that is not NaN, unless sending takes much longer than the motion lasts."""
+        if self._wanted and frames.stamps_ns.size and self._budget.allows(frames.stamps_ns.size):
+            before_s = time.monotonic()
             for stamp_ns, row in zip(frames.stamps_ns.tolist(), frames.accel_mps2.tolist(), strict=True):
                 for column, publish, fill in self._wanted:
                     value = row[column]
                     if not math.isnan(value):
                         publish(fill(stamp_ns, value))
+            self._budget.spend(time.monotonic() - before_s, self._motion_s(frames.stamps_ns))
+
+    def _motion_s(self, stamps_ns: Integers) -> float:
+        """How long the motion of a block lasts: from the last block on, or from its own first sample after a break."""
+        first_ns, last_ns = int(stamps_ns[0]), int(stamps_ns[-1])
+        since_ns = first_ns - self._last_ns if self._last_ns is not None else 0
+        self._last_ns = last_ns
+        return 1e-9 * (last_ns - first_ns + (since_ns if 0 < since_ns < LONGEST_STEP_NS else 0))
 
 
 class BlockTopic(Generic[AnyFrames]):
@@ -109,11 +126,13 @@ def _reliable(depth: int = OUTPUT_DEPTH) -> QoSProfile:
 
 
 class Publications:
-    """Everything that the node publishes, from configuration to clean-up."""
+    """Everything that the node publishes, from configuration to clean-up; budget: of the topics of single samples."""
 
     def __init__(self, node: LifecycleNode, with_measured: bool, with_forces: bool) -> None:
         self._node = node
-        self._predicted, self._measured = AccelTopics(node, topics.PREDICTED), AccelTopics(node, topics.MEASURED)
+        self.budget = SendingBudget()
+        self._predicted = AccelTopics(node, topics.PREDICTED, self.budget)
+        self._measured = AccelTopics(node, topics.MEASURED, self.budget)
         self._predicted_block = BlockTopic(node, topics.PREDICTED_BLOCK, predicted_blocks(with_forces))
         self._measured_block = BlockTopic(node, topics.MEASURED_BLOCK, measured_blocks())
         self._with_measured = with_measured
@@ -173,7 +192,7 @@ class Publications:
 
     def diagnostics(self, statuses: Sequence[Status]) -> None:
         """Publish the statuses."""
-        message = DiagnosticArray(status=[_diagnostic(status) for status in statuses])
+        message = DiagnosticArray(status=[_diagnostic(self._node, status) for status in statuses])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
@@ -191,12 +210,14 @@ class Publications:
         self._snapshots.publish(String(data=text))
 
 
-def _diagnostic(status: Status) -> DiagnosticStatus:
+def _diagnostic(node: LifecycleNode, status: Status) -> DiagnosticStatus:
+    """A status under the full name of its node, because viewers distinguish statuses by name."""
+    full_name = node.get_fully_qualified_name().lstrip("/")
     values = [KeyValue(key=key, value=value) for key, value in status.values.items()]
     return DiagnosticStatus(
         level=bytes([status.level]),
-        name=topics.status_name(status.of),
+        name=topics.status_name(status.of, full_name),
         message=status.message,
-        hardware_id=topics.NODE_NAME,
+        hardware_id=full_name,
         values=values,
     )

@@ -110,6 +110,11 @@ class Subscriptions:
         elif taken := self._arrived(sensor):
             guarded(self._on_messages, partial(self._refuse, sensor))(sensor, taken)
 
+    def take_all(self) -> None:
+        """Push all messages that have arrived."""
+        if self._subscriptions:
+            self._push_all(self._arrived(SEAT))
+
     def check_transport(self) -> None:
         """Check the publishers, and one of the six clocks, which takes a millisecond or two.
 
@@ -227,7 +232,8 @@ class Subscriptions:
         self._node.get_logger().error(text)
 
     def _check_publishers(self, sensor: str, health: SensorHealth) -> None:
-        found = self._node.get_publishers_info_by_topic(self._topic(sensor))
+        # rclpy remaps the name itself: given the remapped one, it would look at a swapped topic.
+        found = self._node.get_publishers_info_by_topic(topics.INPUT[sensor])
         wrong = [info.topic_type for info in found if info.topic_type != IMU_TYPE]
         text = f"{self._topic(sensor)}: a publisher sends {wrong[0]}, {IMU_TYPE} is needed" if wrong else ""
         if text and text != health.wrong_type:
@@ -256,7 +262,8 @@ def queued(subscription: Any) -> list[tuple[bytes, Any]]:
     """
     waiting: list[tuple[bytes, Any]] = []
     with subscription.handle:
-        for _ in range(subscription.qos_profile.depth):  # a publisher may send as fast as this takes
+        # A publisher may send as fast as this takes. A depth of 0 is that of the middleware.
+        for _ in range(max(1, subscription.qos_profile.depth)):
             taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
             if taken is None:
                 break

@@ -21,7 +21,7 @@ from biodyn_core.base.suggestions import known_are
 from biodyn_core.base.yaml_files import mapping_of, read_yaml, text_of
 from biodyn_core.sessions.findings import Event, Findings, Rest
 from biodyn_ros import __version__
-from biodyn_ros.base.files import exists, write_text
+from biodyn_ros.base.files import check_file_name, exists, write_text
 from biodyn_ros.reading.parts import BagPart, latest_end_s
 from biodyn_ros.reading.provenance import bag_sha256
 
@@ -85,8 +85,13 @@ def events_document(sessions: Sequence[FoundSession], folder: Path) -> dict[str,
 
 def write_events(sessions: Sequence[FoundSession], path: Path) -> None:
     """Write an events file."""
-    document = events_document(sessions, path.parent)
-    write_text(path, yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True))
+    write_text(path, events_text(sessions, path.parent))
+
+
+def events_text(sessions: Sequence[FoundSession], folder: Path) -> str:
+    """The text of an events file in a folder."""
+    document = events_document(sessions, folder)
+    return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
 
 
 def load_events(path: str | Path) -> list[BagPart]:
@@ -227,9 +232,11 @@ def _list(value: object, where: str) -> list[object]:
 
 
 def _check_apart(parts: Sequence[BagPart], path: Path) -> None:
-    """Raise InputError for two events of one name, or with time in common."""
+    """Raise InputError for two events of one name or with time in common, and for a name that is no directory's."""
     names: set[str] = set()
     for part in parts:
+        if part.name:
+            check_file_name(part.name, f"{path}: name of an event")
         if part.name and part.name in names:
             raise InputError(f"{path}: two events have the name {part.name}: names are unique")
         names.add(part.name)

@@ -1,0 +1,60 @@
+"""Sending budget: when single samples are not sent, because sending them takes twice as long as their motion lasts.
+
+A subscriber that hangs makes a publisher of DDS slow: ten times with six topics, and up to a second at once. The thread
+that sends also reads the sensors, whose queues would overflow, so predictions are left out before any exposure is lost.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Final
+
+WINDOW_S: Final = 0.5
+"""The time spent on so much motion decides."""
+
+MOST_SPENT: Final = 2.0
+"""Seconds of sending for each second of motion. A hanging subscriber takes seven, a machine that is only busy one."""
+
+FIRST_PAUSE_S: Final = 2.0
+LONGEST_PAUSE_S: Final = 64.0
+"""Each pause that follows a failed attempt is twice as long as the one before."""
+
+
+class SendingBudget:
+    """`spend` the time that sending a block took; `allows` tells whether to send the next one.
+
+    paused: whether samples are left out now. unsent: number of samples left out so far.
+    """
+
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        self._now = now
+        self._spent_s = self._motion_s = 0.0
+        self._pause_s = FIRST_PAUSE_S
+        self._until_s: float | None = None
+        self.unsent = 0
+
+    @property
+    def paused(self) -> bool:
+        """Whether samples are left out."""
+        return self._until_s is not None
+
+    def allows(self, samples: int) -> bool:
+        """Whether to send a block of so many samples; they are counted as unsent if not."""
+        if self._until_s is not None and self._now() < self._until_s:
+            self.unsent += samples
+            return False
+        return True
+
+    def spend(self, spent_s: float, motion_s: float) -> None:
+        """Note that sending a block of so much motion took so long."""
+        self._spent_s += spent_s
+        self._motion_s += motion_s
+        if max(self._spent_s, self._motion_s) < WINDOW_S:
+            return
+        if self._spent_s > MOST_SPENT * self._motion_s:
+            self._until_s = self._now() + self._pause_s
+            self._pause_s = min(2.0 * self._pause_s, LONGEST_PAUSE_S)
+        else:
+            self._until_s, self._pause_s = None, FIRST_PAUSE_S
+        self._spent_s = self._motion_s = 0.0
