@@ -585,6 +585,14 @@ def test_a_subject_that_does_not_fit_names_file_and_key(
         ),
         (("simulate", "--subject", "subject_1", "--seat", "none.csv", "-o", "x.mcap"), "none.csv: cannot be read"),
         (
+            ("simulate", "--subject", "subject_1", "--case", "rail", "--map", "seat=/foo", "-o", "x.mcap"),
+            "--map and --time need a bag given by --seat: omit them",
+        ),
+        (
+            ("simulate", "--subject", "subject_1", "--seat", "none.csv", "--time", "log", "-o", "x.mcap"),
+            "--map and --time need a bag given by --seat: omit them",
+        ),
+        (
             ("simulate", "--subject", "subject_1", "--seat", "none.csv", "--seat-rate", "0", "-o", "x.mcap"),
             "--seat-rate 0: expected a positive number of Hz",
         ),

@@ -410,6 +410,10 @@ def test_marks_of_the_node_about_the_fit_name_no_condition() -> None:
         ("start,end,case\n1,x,road\n", "line 2: start and end are seconds, not '1' and 'x'"),
         ("start,end,case\n1,2,road\n5,4,rail\n", "line 3: the end, 4 s, is not after the start, 5 s"),
         ("start,end,case\n\n\n0,20,a\nx,1,b\n", "line 5: start and end are seconds"),
+        (
+            "start,end,case\n15,30,rocks\n0,20,a\n",
+            "a from 0 to 20 s and rocks from 15 to 30 s overlap: end the first by 15",
+        ),
         ("start,end,case\n0,20,road\n20,30,---\n", "line 3: the case '---' has no letter or digit"),
         ('start,end,case\n0,20,"gravel\n20,30,road\n', "cannot be read as a table .*: is a quote not closed?"),
         (f'start,end,case\n0,20,"{"x" * 2**18}"\n', "cannot be read as a table .field larger than field limit"),
@@ -420,6 +424,13 @@ def test_a_wrong_table_is_one_line(tmp_path: Path, text: str, message: str) -> N
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         read_spans(path)
+
+
+def test_a_row_after_the_end_of_the_session_is_a_warning(place: Path, tmp_path: Path) -> None:
+    table = tmp_path / "cases.csv"
+    table.write_text("start,end,case\n0,20,gravel\n1000,2000,cobbles\n")
+    found = find_events(place / "session.mcap", SessionOptions(cases=str(table)))
+    assert any("cobbles from 1000 to 2000 s is after the end of the session" in line for line in found.warnings)
 
 
 def test_a_table_is_of_one_session(place: Path, tmp_path: Path) -> None:

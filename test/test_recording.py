@@ -342,6 +342,10 @@ def test_a_missing_segment_is_nan_and_reported():
             lambda: [first(stream, 500) for stream in independent_streams(6.0)],
             "seat: gravity needs 0.8 s of samples (rest_s), 0.44 s have arrived",
         ),
+        (
+            lambda: [unreadable(stream) for stream in independent_streams(6.0)],
+            "seat: gravity needs 0.8 s of readings (rest_s): none of the last 6 s can be used",
+        ),
     ],
 )
 def test_an_unusable_record_is_refused_in_one_line(streams, wanted):
@@ -356,6 +360,10 @@ def quiet(stream: ImuStream) -> ImuStream:
     noise = 0.01 * np.random.default_rng(1).standard_normal(stream.accel_mps2.shape)
     noise[:, 2] += STANDARD_GRAVITY_MPS2
     return dataclasses.replace(stream, accel_mps2=noise)
+
+
+def unreadable(stream: ImuStream) -> ImuStream:
+    return dataclasses.replace(stream, accel_mps2=np.full_like(stream.accel_mps2, np.nan))
 
 
 def slow(stream: ImuStream) -> ImuStream:

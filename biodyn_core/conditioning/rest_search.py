@@ -115,6 +115,8 @@ class RestSearch:
     def reason(self) -> str:
         """Reason that rest is not found yet, and the remedy, in one line."""
         s, moving_mps2, waited_s = self._settings, self._window.moving_rms_mps2, self._window.waited_s
+        if moving_mps2 is None and waited_s >= s.rest_s:
+            return f"gravity needs {s.rest_s:g} s of readings (rest_s): none of the last {waited_s:.2g} s can be used"
         if moving_mps2 is None or waited_s < s.rest_s:
             return f"gravity needs {s.rest_s:g} s of samples (rest_s), {waited_s:.2g} s have arrived"
         idling = f", or with an engine that idles set rest_rms_mps2 above {moving_mps2:.3f}"

@@ -47,6 +47,8 @@ def _run(options: argparse.Namespace) -> None:
     subject = load_subject(subject_file(options.subject))
     if options.seat_rate is not None and not is_table(options.seat or ""):
         raise InputError("--seat-rate needs a CSV file given by --seat: omit it")
+    if (options.map or options.time != "header") and (not options.seat or is_table(options.seat)):
+        raise InputError("--map and --time need a bag given by --seat: omit them")
     if options.seat:
         mapping = parse_map(options.map)
         lines: list[str] = []

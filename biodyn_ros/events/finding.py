@@ -9,6 +9,7 @@ import csv
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
@@ -107,6 +108,11 @@ def _found_in(bag: str | Path, o: SessionOptions, progress: OnProgress) -> Found
             for mark in marks
             if not _case_name(mark.name)
         ]
+    warnings += [
+        f"{o.table}: {_row(span)} is after the end of the session, {findings.seconds:.0f} s"
+        for span in spans
+        if o.table is not None and span.begin_s >= findings.seconds
+    ]
     warnings = [*warnings, *sensors.clock_warnings(findings.seconds)]
     missing = [name for name in findings.statuses if name not in present]
     shown = tuple(line for line in findings.warnings if line.partition(":")[0] not in missing)
@@ -218,9 +224,17 @@ def read_spans(path: Path) -> list[CaseSpan]:
     table = csv.DictReader(lines, skipinitialspace=True, strict=True)
     try:
         # Blank lines are no rows: the number of a line is known to the inner reader only.
-        return [_span(row, f"{path}: line {table.reader.line_num}") for row in table]
+        spans = [_span(row, f"{path}: line {table.reader.line_num}") for row in table]
     except csv.Error as error:
         raise InputError(f"{path}: cannot be read as a table ({error}): is a quote not closed?") from None
+    for one, other in pairwise(sorted(spans, key=lambda span: span.begin_s)):
+        if other.begin_s < one.end_s:
+            raise InputError(f"{path}: {_row(one)} and {_row(other)} overlap: end the first by {other.begin_s:g} s")
+    return spans
+
+
+def _row(span: CaseSpan) -> str:
+    return f"{span.case} from {span.begin_s:g} to {span.end_s:g} s"
 
 
 def _span(row: Mapping[str | None, str | None], where: str) -> CaseSpan:

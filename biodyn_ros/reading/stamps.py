@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from biodyn_core.base.arrays import Integers
+from biodyn_core.base.errors import InputError
 from biodyn_core.conditioning.clocks import ClockDrift
 from biodyn_ros.bag import BagReader, imu_blocks
 from biodyn_ros.bag.cdr import decode_imu_in
@@ -64,8 +65,13 @@ def _choice(stamps_ns: Integers) -> TimeChoice:
 def _first_of_all(reader: BagReader, topics: tuple[str, ...]) -> dict[str, Integers]:
     """Header stamps of the first chunk, which contains the first messages of all topics in most bags."""
     blocks = next((list(chunk.blocks()) for chunk in reader.chunks(topics)), [])
-    first = slice(FIRST_MESSAGES)
-    return {b.topic: decode_imu_in(b.buffer, b.offsets[first], b.lengths[first]).stamps_ns for b in blocks}
+    first, found = slice(FIRST_MESSAGES), {}
+    for block in blocks:
+        try:
+            found[block.topic] = decode_imu_in(block.buffer, block.offsets[first], block.lengths[first]).stamps_ns
+        except InputError as error:
+            raise InputError(f"{reader.path}: topic {block.topic}: {error}") from None
+    return found
 
 
 def _first_of(reader: BagReader, topic: str) -> Integers:
