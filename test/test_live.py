@@ -38,6 +38,7 @@ from biodyn_ros.node import params
 from biodyn_ros.node.live import BiodynNode
 from biodyn_ros.node.parameters_yaml import parameters_yaml
 from biodyn_ros.node.publications import AccelTopics
+from biodyn_ros.node.sending_budget import SendingBudget
 from biodyn_ros.node.settings import SETTINGS, LiveSettings
 
 OK, WARN, ERROR = (bytes([level]) for level in range(3))
@@ -286,7 +287,7 @@ def test_a_block_length_out_of_range_is_refused(block_ms: float) -> None:
 
 def test_a_column_without_subscribers_is_not_read(graph: Graph) -> None:
     node, tester = graph.node("speaker"), graph.node()
-    output = AccelTopics(node, topics.PREDICTED)
+    output = AccelTopics(node, topics.PREDICTED, SendingBudget())
     head = graph.collect(tester, AccelStamped, "/speaker/predicted/head/accel", raw=True)
     column = list(topics.PREDICTED).index("head")
     graph.wait(lambda: output.publishers[column].get_subscription_count() > 0, "the head's column matched")
