@@ -375,3 +375,13 @@ def test_whether_the_model_fits_is_unknown_for_a_subject_without_a_usual_residua
     sure = Node(noisy_streams(), with_spread(subject()))
     sure.advance(4)
     assert sure.statuses["prediction"].values["intervals"] == "95 %"
+
+
+def test_stamps_that_jump_back_are_no_lag() -> None:
+    """A looped bag: its stamps begin again, and each message arrives as promptly as before."""
+    clock_s = [0.0]
+    health = SensorHealth(now=lambda: clock_s[0])
+    for number in range(80):
+        clock_s[0] = 0.1 * number
+        health.timed(round(1e9 * (0.1 * (number % 40))), round(1e9 * clock_s[0]), window_s=10.0)
+        assert health.lag_s == pytest.approx(0.0, abs=1e-6), number

@@ -7,6 +7,7 @@ import json
 import math
 import socket
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -465,6 +466,36 @@ def test_reset_and_mark_respond(graph: Graph) -> None:
     after = node.pipeline.exposure().sensors[SEAT]
     assert after.vdv_mps175 == after.seconds == 0.0 < counted.vdv_mps175
     graph.wait(lambda: [message.data for message in marks] == ["mark 1"], "the mark is published")
+
+
+def test_samples_that_wait_at_a_reset_count_before_it(graph: Graph) -> None:
+    node = graph.active(state_file="none")
+    sensors = Sensors(graph, SENSORS, SHORT)
+    graph.wait(sensors.matched, "six inputs matched")
+    sensors.send(6 * 1500)
+    graph.wait(lambda: node.pipeline.exposure().sensors, "samples are counted")
+    sensors.send(spinning=False)
+    time.sleep(0.5)  # DDS delivers them; the node takes none of them
+    assert node._on_reset(Trigger.Request(), Trigger.Response()).success
+    graph.spin(1.0)
+    assert {dose.seconds for dose in node.pipeline.exposure().sensors.values()} == {0.0}
+
+
+def test_a_swapped_pair_of_inputs_has_its_own_publishers(graph: Graph) -> None:
+    """Sensors that are mounted the wrong way round: each input is remapped to the topic of the other."""
+    swapped = ("imu/seat/data:=/imu/pelvis/data", "imu/pelvis/data:=/imu/seat/data")
+    node = graph.active(tuple(word for one in swapped for word in ("-r", one)), state_file="none")
+    outputs = [graph.node(name).create_publisher(Imu, "/imu/pelvis/data", 10) for name in ("first", "second")]
+    graph.wait(lambda: node._sensors.health[SEAT].publishers == 2, "two publishers of the seat")
+    assert node._sensors.health["pelvis"].publishers == 0 and len(outputs) == 2
+
+
+def test_statuses_have_the_full_name_of_their_node(graph: Graph) -> None:
+    found = graph.collect(graph.node(), DiagnosticArray, topics.DIAGNOSTICS)
+    graph.active(("-r", "__ns:=/second"), state_file="none")
+    graph.wait(lambda: found, "diagnostics")
+    assert {status.hardware_id for status in found[-1].status} == {"second/biodyn"}
+    assert "second/biodyn: seat" in {status.name for status in found[-1].status}
 
 
 def test_the_node_subscribes_only_while_active(graph: Graph) -> None:
