@@ -585,6 +585,10 @@ def test_a_subject_that_does_not_fit_names_file_and_key(
         ),
         (("simulate", "--subject", "subject_1", "--seat", "none.csv", "-o", "x.mcap"), "none.csv: cannot be read"),
         (
+            ("simulate", "--subject", "subject_1", "--case", "rail", "-o", ""),
+            "-o is an empty text: give a file or directory",
+        ),
+        (
             ("simulate", "--subject", "subject_1", "--case", "rail", "--map", "seat=/foo", "-o", "x.mcap"),
             "--map and --time need a bag given by --seat: omit them",
         ),

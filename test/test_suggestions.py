@@ -49,6 +49,8 @@ def test_a_file_is_suggested_beside_the_first_part_that_is_missing(tmp_path: Pat
     (tmp_path / "drive" / "road_1.mcap").touch()
     assert did_you_mean_file(tmp_path / "drive" / "road1.mcap") == f"; did you mean {tmp_path}/drive/road_1.mcap?"
     assert did_you_mean_file(tmp_path / "drives" / "road_1.mcap") == f"; did you mean {tmp_path}/drive?"
+    (tmp_path / "drive" / "link.mcap").symlink_to("nowhere")
+    assert did_you_mean_file(tmp_path / "drive" / "link.mcap") == ""
     assert did_you_mean_file(tmp_path / "drive" / "road_1.mcap") == ""  # it is there
     assert did_you_mean_file(tmp_path / "drive" / "xyz") == did_you_mean_file("\0") == ""
 

@@ -32,6 +32,8 @@ def did_you_mean_file(path: str | Path) -> str:
         there = [] if missing.exists() else [file.name for file in islice(missing.parent.iterdir(), MAX_FILES)]
     except (OSError, ValueError):  # an unreadable directory, or an impossible file name
         return ""
+    if missing.name in there:  # a link whose target is missing
+        return ""
     near = _nearest(missing.name, there)
     return f"; did you mean {missing.parent / near}?" if near else ""
 

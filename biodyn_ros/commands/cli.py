@@ -33,6 +33,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if given[:2] == ["live", "--ros-args"]:
             return run_node(given[1:])  # ROS parses the arguments
         options = parsed(given)  # imports for some seconds, during which Ctrl-C must work
+        if getattr(options, "output", None) == "":  # a variable of the shell that is not set
+            raise InputError("-o is an empty text: give a file or directory, . for the present one")
         return command_of(options.command).run(options) or 0
     except InputError as error:
         print(f"biodyn {name}: {error}", file=sys.stderr)
