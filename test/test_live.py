@@ -7,13 +7,13 @@ import json
 import math
 import socket
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from expecting import until
 from geometry_msgs.msg import AccelStamped
 from rclpy.event_handler import QoSSubscriptionEventType
 from rclpy.executors import SingleThreadedExecutor
@@ -21,7 +21,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from ros import Graph, Sensors, ros_graph
+from ros import DEEP, Graph, Sensors, ros_graph
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
@@ -474,8 +474,15 @@ def test_samples_that_wait_at_a_reset_count_before_it(graph: Graph) -> None:
     graph.wait(sensors.matched, "six inputs matched")
     sensors.send(6 * 1500)
     graph.wait(lambda: node.pipeline.exposure().sensors, "samples are counted")
-    sensors.send(spinning=False)
-    time.sleep(0.5)  # DDS delivers them; the node takes none of them
+    delivered: list[Any] = []
+    beside = Node("beside", context=graph.context)  # the graph's executor would serve the node too
+    beside.create_subscription(Imu, topics.INPUT["head"], delivered.append, DEEP)
+    graph.wait(lambda: sensors.outputs["head"].get_subscription_count() == 2, "a second listener of the head")
+    count = sensors.send(spinning=False) // len(SENSORS)
+    executor = SingleThreadedExecutor(context=graph.context)
+    executor.add_node(beside)
+    until(lambda: len(delivered) >= count, "all are delivered", 60.0, lambda: executor.spin_once(timeout_sec=0.02))
+    beside.destroy_node()
     assert node._on_reset(Trigger.Request(), Trigger.Response()).success
     graph.spin(1.0)
     assert {dose.seconds for dose in node.pipeline.exposure().sensors.values()} == {0.0}
