@@ -527,6 +527,14 @@ def test_a_record_that_ends_with_unusable_samples_is_a_lower_bound_with_warnings
         assert any(line.startswith(begin) and "no usable sample" in line for line in document["warnings"])
 
 
+def test_an_ascii_terminal_gets_escapes() -> None:
+    """In the C locale the standard streams have another way with errors than elsewhere."""
+    given = os.environ | {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    command = [sys.executable, "-m", "biodyn_ros.commands.cli", "info", str(BAG)]
+    done = subprocess.run(command, env=given, capture_output=True, timeout=120, check=False)
+    assert (done.returncode, done.stderr) == (0, b"") and b"\\u" in done.stdout
+
+
 @pytest.mark.parametrize(
     ("change", "expected"),
     [

@@ -39,7 +39,6 @@ from biodyn_ros.node import params
 from biodyn_ros.node.live import BiodynNode
 from biodyn_ros.node.parameters_yaml import parameters_yaml
 from biodyn_ros.node.publications import AccelTopics
-from biodyn_ros.node.sending_budget import SendingBudget
 from biodyn_ros.node.settings import SETTINGS, LiveSettings
 
 OK, WARN, ERROR = (bytes([level]) for level in range(3))
@@ -288,7 +287,7 @@ def test_a_block_length_out_of_range_is_refused(block_ms: float) -> None:
 
 def test_a_column_without_subscribers_is_not_read(graph: Graph) -> None:
     node, tester = graph.node("speaker"), graph.node()
-    output = AccelTopics(node, topics.PREDICTED, SendingBudget())
+    output = AccelTopics(node, topics.PREDICTED)
     head = graph.collect(tester, AccelStamped, "/speaker/predicted/head/accel", raw=True)
     column = list(topics.PREDICTED).index("head")
     graph.wait(lambda: output.publishers[column].get_subscription_count() > 0, "the head's column matched")
@@ -486,6 +485,33 @@ def test_samples_that_wait_at_a_reset_count_before_it(graph: Graph) -> None:
     assert node._on_reset(Trigger.Request(), Trigger.Response()).success
     graph.spin(1.0)
     assert {dose.seconds for dose in node.pipeline.exposure().sensors.values()} == {0.0}
+
+
+def test_a_short_queue_is_at_most_half_full_when_it_is_read(graph: Graph) -> None:
+    node = graph.active(queue_depth=200, state_file="none")
+    drain = next(
+        timer
+        for timer in node._node_timers
+        if timer.timer_period_ns < 20_000_000 and timer.timer_period_ns != 5_000_000
+    )
+    assert len(SENSORS) * 1e-9 * drain.timer_period_ns * 1129.3 <= 100.5
+
+
+def test_a_taken_port_of_the_page_gives_no_link(graph: Graph, capfd: pytest.CaptureFixture[str]) -> None:
+    """The link would open the page of another node."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        graph.active(dashboard=True, page_port=port, state_file="none")
+    said = capfd.readouterr().err
+    assert f"the page cannot be served at http://127.0.0.1:{port}/" in said and "#token" not in said
+
+
+def test_limits_of_the_home_directory_are_read(graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "own.yaml").write_text(config_file("limits.yaml").read_text())
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert graph.active(limits_file="~/own.yaml", state_file="none").pipeline is not None
 
 
 def test_a_swapped_pair_of_inputs_has_its_own_publishers(graph: Graph) -> None:

@@ -1,5 +1,6 @@
 """The sending budget: a subscriber that hangs costs predictions, never exposure."""
 
+import numpy as np
 import pytest
 
 from biodyn_ros.node.sending_budget import FIRST_PAUSE_S, LONGEST_PAUSE_S, SendingBudget
@@ -11,8 +12,13 @@ class Sender:
     """Sends blocks of 5 ms, six samples each, for a time by a clock of its own."""
 
     def __init__(self) -> None:
-        self.now_s = 0.0
+        self.now_s, self.sent_s = 0.0, 0.0
         self.budget = SendingBudget(lambda: self.now_s)
+
+    def stamps_ns(self) -> np.ndarray:
+        """The stamps of the next block."""
+        self.sent_s += BLOCK_S
+        return np.rint(1e9 * (self.sent_s + BLOCK_S / 6.0 * np.arange(6))).astype(np.int64)
 
     def send(self, seconds: float, takes_s: float) -> int:
         """The number of blocks sent; takes_s: for each."""
@@ -21,7 +27,7 @@ class Sender:
             if self.budget.allows(6):
                 sent += 1
                 self.now_s += max(BLOCK_S, takes_s)
-                self.budget.spend(takes_s, BLOCK_S)
+                self.budget.spend(takes_s, self.stamps_ns())
             else:
                 self.now_s += BLOCK_S
         return sent
@@ -51,5 +57,7 @@ def test_slow_sending_pauses_ever_longer_and_ends_when_it_is_fast_again() -> Non
 def test_one_block_that_takes_a_second_is_enough() -> None:
     sender = Sender()
     sender.send(0.2, 0.0007)
-    sender.budget.spend(1.0, BLOCK_S)
+    sender.budget.spend(1.0, sender.stamps_ns())
     assert sender.budget.paused and not sender.budget.allows(6)
+    sender.budget.end_pause()  # the subscriber has left
+    assert not sender.budget.paused and sender.budget.allows(6)

@@ -3,7 +3,8 @@
 Every meter takes blocks of any size and reads since reset or over the last `window_s`; cuts never change a number.
 A NaN sample is missing. `skip(seconds)` is a break, 0 s where time jumped back: windows move on by it, nothing is
 counted, and filters, oscillators and windows restart after it. So missing samples make every figure a lower bound,
-except for the false dose of a weighting that restarts from a wrong level (`_Weighting`).
+except for the false dose of a weighting that restarts from a wrong level (`_Weighting`) or in the middle of a shock,
+and of the straight line over a short loss: within strong motion these can raise a figure (docs/exposure.md, limits).
 ISO 2631-1:1997; Zaman et al., Eq. 23-27, in definitions that resolve their contradictions.
 """
 

@@ -71,9 +71,9 @@ def trace(
 
 
 def _calibrated(computed: Iterable[str]) -> Literal["anew", "found"]:
-    """`anew` if the draws of the screening are among the results that this trace has computed, `found` if it read them.
+    """`anew` if this trace has computed the draws of the screening, `found` if it has read them.
 
-    computed: the keys of these results.
+    computed: the keys of the results that it has computed.
     """
     return "anew" if any(key.startswith(PRELIMINARY) for key in computed) else "found"
 

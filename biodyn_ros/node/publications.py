@@ -19,7 +19,6 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import Float64, String
 from trajectory_msgs.msg import JointTrajectory
 
-from biodyn_core.base.arrays import Integers
 from biodyn_core.pipeline.frames import Frames, MeasuredFrames, PredictedFrames
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_ros.bag.blocks import AnyFrames, BlockEncoder, measured_blocks, predicted_blocks
@@ -34,14 +33,11 @@ BLOCK_DEPTH: Final = 400
 
 SCALAR_DEPTH: Final = 10
 
-LONGEST_STEP_NS: Final = 50_000_000
-"""A longer step between blocks is a break."""
-
 
 class AccelTopics:
     """The AccelStamped topics of one kind, one for each column of its frames."""
 
-    def __init__(self, node: LifecycleNode, names: dict[str, str], budget: SendingBudget) -> None:
+    def __init__(self, node: LifecycleNode, names: dict[str, str]) -> None:
         overrides = QoSOverridingOptions.with_default_policies()
         self.publishers = [
             node.create_publisher(AccelStamped, topic, _reliable(), qos_overriding_options=overrides)
@@ -49,8 +45,6 @@ class AccelTopics:
         ]
         self._fills = [AccelStampedTemplate(frame_id=name).fill for name in names]
         self._wanted: list[tuple[int, Any, Any]] = []
-        self._budget = budget
-        self._last_ns: int | None = None
 
     def update_subscribers(self) -> None:
         """From now on send only the columns whose topics have subscribers."""
@@ -67,22 +61,13 @@ class AccelTopics:
         return bool(self._wanted)
 
     def publish(self, frames: PredictedFrames | MeasuredFrames) -> None:
-        """Send every value that is not NaN, unless sending takes much longer than the motion lasts."""
-        if self._wanted and frames.stamps_ns.size and self._budget.allows(frames.stamps_ns.size):
-            before_s = time.monotonic()
+        """Send every value that is not NaN."""
+        if self._wanted and frames.stamps_ns.size:
             for stamp_ns, row in zip(frames.stamps_ns.tolist(), frames.accel_mps2.tolist(), strict=True):
                 for column, publish, fill in self._wanted:
                     value = row[column]
                     if not math.isnan(value):
                         publish(fill(stamp_ns, value))
-            self._budget.spend(time.monotonic() - before_s, self._motion_s(frames.stamps_ns))
-
-    def _motion_s(self, stamps_ns: Integers) -> float:
-        """How long the motion of a block lasts: from the last block on, or from its own first sample after a break."""
-        first_ns, last_ns = int(stamps_ns[0]), int(stamps_ns[-1])
-        since_ns = first_ns - self._last_ns if self._last_ns is not None else 0
-        self._last_ns = last_ns
-        return 1e-9 * (last_ns - first_ns + (since_ns if 0 < since_ns < LONGEST_STEP_NS else 0))
 
 
 class BlockTopic(Generic[AnyFrames]):
@@ -131,8 +116,7 @@ class Publications:
     def __init__(self, node: LifecycleNode, with_measured: bool, with_forces: bool) -> None:
         self._node = node
         self.budget = SendingBudget()
-        self._predicted = AccelTopics(node, topics.PREDICTED, self.budget)
-        self._measured = AccelTopics(node, topics.MEASURED, self.budget)
+        self._predicted, self._measured = AccelTopics(node, topics.PREDICTED), AccelTopics(node, topics.MEASURED)
         self._predicted_block = BlockTopic(node, topics.PREDICTED_BLOCK, predicted_blocks(with_forces))
         self._measured_block = BlockTopic(node, topics.MEASURED_BLOCK, measured_blocks())
         self._with_measured = with_measured
@@ -165,10 +149,19 @@ class Publications:
 
     def frames(self, frames: Frames) -> None:
         """Publish accelerations of the model and, if configured, of the sensors; blocks wait for `blocks`."""
-        self._predicted.publish(frames.predicted)
-        self._measured.publish(frames.measured)
+        self._samples(frames)
         self._predicted_block.add(frames.predicted)
         self._measured_block.add(frames.measured)
+
+    def _samples(self, frames: Frames) -> None:
+        """Publish single samples, unless sending them takes much longer than the motion lasts."""
+        if not (self._predicted.is_wanted or self._measured.is_wanted):
+            self.budget.end_pause()
+        elif self.budget.allows(frames.predicted.stamps_ns.size):
+            before_s = time.monotonic()
+            self._predicted.publish(frames.predicted)
+            self._measured.publish(frames.measured)
+            self.budget.spend(time.monotonic() - before_s, frames.predicted.stamps_ns)
 
     def blocks(self) -> None:
         """Publish the blocks."""
