@@ -199,6 +199,12 @@ def _residual(kind: str) -> list:
     return [np.ascontiguousarray(x[:, :2]), np.ascontiguousarray(x[:, 2:]), *_tally(2, 3)]
 
 
+def _flag_suspect(kind: str) -> list:
+    x = given(kind, 3)
+    filled = np.arange(len(x)) % 40 < 5
+    return [x, filled, 2.0, 3, 4, 20, np.array([0, 2**62, 2**62, 0]), np.zeros(len(x), dtype=bool)]
+
+
 ARGUMENTS: dict[str, Callable[[str], list]] = {
     "integrate_chain": lambda kind: _chain(kind, keep_motion=True, high=0.5),
     "regularise": _regularise,
@@ -213,6 +219,7 @@ ARGUMENTS: dict[str, Callable[[str], list]] = {
     "dynamic_response": _dynamic_response,
     "head_injury": _head_injury,
     "residual": _residual,
+    "flag_suspect": _flag_suspect,
     "peak_forces": lambda kind: [given(kind, 4), *_tally(4, 4)],
     "set_steady_state": _settle,
     "follow_attitude": _follow_up,

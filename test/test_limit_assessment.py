@@ -26,8 +26,8 @@ class Plane:
     def __init__(self, long: tuple[float, float] = (1e-3, 1e-3), short: tuple[float, float] = (1e-3, 1e-3), at_rad=0.0):
         self.long, self.short, self.at_rad = long, short, at_rad
 
-    def along(self, angles_rad, rolling: bool = False):
-        """Return aw and VDV in these directions."""
+    def along(self, angles_rad, rolling: bool = False, suspect: bool = False):
+        """Return aw and VDV in these directions, with suspect samples as without."""
         c, s = np.cos(np.asarray(angles_rad) - self.at_rad), np.sin(np.asarray(angles_rad) - self.at_rad)
         aw, vdv = (np.hypot(long * c, short * s) for long, short in zip(self.long, self.short, strict=True))
         return aw, vdv
@@ -452,3 +452,78 @@ def test_a_burst_of_a_second_exceeds_the_ratio_of_mtvv_by_the_linear_average_alo
     assert dose.mtvv_exponential_mps2 / dose.aw_mps2 == pytest.approx(1.38, abs=0.02)
     value, exceeded = ratios(seat_exposure(dose, plane, None, EU_LIMITS, COMPLETE))["mtvv_over_aw"]
     assert value == pytest.approx(math.sqrt(3.0), rel=5e-3) and exceeded
+
+
+# --- suspect samples -------------------------------------------------------------------------------------------------
+
+
+def doubted(sure: Dose, whole: Dose, limits: Limits = EU_LIMITS, **losses: float) -> SeatExposure:
+    """The seat whose exposure with suspect samples is another one than without."""
+    lost = NO_LOSSES._replace(suspect_s=whole.seconds - sure.seconds, filled_s=0.04, **losses)
+    return seat_exposure(
+        sure, Plane(), 0.0, limits, dataclasses.replace(COMPLETE, losses=lost), project=True, with_suspect=whole
+    )
+
+
+def test_a_value_that_only_suspect_samples_reach_is_undecided_and_has_no_time_left():
+    seat = doubted(upward(0.2, 7.0, HOUR - 2.0), upward(0.2, 9.8, HOUR))
+    assert (seat.zone, seat.governing, seat.axis) == ("undecided", "vdv", "z")
+    assert seat.zone_reason == (
+        "the counted exposure reaches no value of 2002/44/EC, but VDV is 9.80 m/s^1.75 (action value 9.1) with the 2 s"
+        " after losses within strong motion, which the losses may have raised"
+    )
+    assert seat.vdv_so_far_mps175 == 7.0 and seat.lower_bound
+    assert seat.withheld and seat.withheld in seat.zone_reason
+    assert seat.time_to_action_value_s is None and seat.time_to_limit_value_s is None
+    assert seat.a8_projected_8h_mps2 is None
+
+
+def test_a_limit_value_that_only_suspect_samples_reach_leaves_the_action_value_reached():
+    seat = doubted(upward(0.2, 10.0, HOUR - 2.0), upward(0.2, 22.0, HOUR))
+    assert seat.zone == "above_action_value" and seat.vdv_so_far_mps175 == 10.0
+    assert "VDV so far is at least 10.0 m/s^1.75 (axis z): the action value of 9.1" in seat.zone_reason
+    assert "whether the limit value is reached too is undecided, because VDV is 22.0" in seat.zone_reason
+
+
+def test_below_a_value_the_suspect_samples_count():
+    seat = doubted(upward(0.2, 3.0, HOUR - 2.0), upward(0.2, 4.55, HOUR))
+    assert seat.zone == "below_action_value" and "VDV so far is 4.55" in seat.zone_reason
+    assert seat.vdv_so_far_mps175 == 3.0 and seat.seconds == HOUR
+    assert seat.time_to_action_value_s == pytest.approx(15.0 * HOUR)
+    assert seat.vdv_projected_8h_mps175 == pytest.approx(4.55 * 8.0**0.25)
+
+
+def test_an_additional_set_has_its_own_doubt():
+    seat = doubted(upward(0.2, 7.0, HOUR - 2.0), upward(0.2, 8.8, HOUR))
+    assert seat.zone == "below_action_value" and seat.withheld is None
+    (iso,) = seat.additional
+    assert iso.zone == "undecided" and "VDV is 8.80 m/s^1.75 (action value 8.5)" in iso.zone_reason
+    assert iso.time_to_action_value_s is None
+
+
+@given(
+    sure=st.tuples(st.floats(0.0, 3.0), st.floats(0.0, 30.0)),
+    more=st.tuples(st.floats(0.0, 3.0), st.floats(0.0, 30.0)),
+    seconds=st.tuples(st.floats(0.0, 1e4), st.floats(1.0, 2e4)),
+)
+def test_a_zone_holds_with_and_without_suspect_samples_or_is_undecided(sure, more, seconds):
+    whole = upward(sure[0] + more[0], sure[1] + more[1], seconds[0] + seconds[1])
+    seat = doubted(upward(*sure, seconds[0]), whole)
+    alone, with_them = judge(upward(*sure, seconds[0])), judge(whole)
+    if seat.zone == "below_action_value":
+        assert with_them.zone == "below_action_value"
+    if seat.zone in ("above_action_value", "above_limit_value"):
+        assert alone.zone == seat.zone
+    if with_them.zone == "below_action_value" and whole.seconds > 5.0:
+        assert seat.zone == "below_action_value"
+
+
+def test_an_exposure_of_suspect_samples_alone_is_undecided_or_below():
+    lost = NO_LOSSES._replace(suspect_s=2.0, filled_s=0.01)
+    plane, seat_quality = HorizontalMeter(1000.0, 60.0), dataclasses.replace(COMPLETE, losses=lost)
+    plane.push(np.tile(np.sin(np.arange(2000.0))[:, None], (1, 2)), suspect=True)
+    for vdv, zone in ((1.0, "below_action_value"), (10.0, "undecided")):
+        none, whole = upward(0.0, 0.0, 0.0), upward(0.3, vdv, 2.0)
+        seat = seat_exposure(none, plane, None, EU_LIMITS, seat_quality, with_suspect=whole)
+        assert seat.zone == zone and seat.horizontal == "worst_direction"
+        assert seat.a8_so_far_mps2 == 0.0 and seat.seconds == 2.0

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from biodyn_core.base.arrays import Floats, Integers
+import numpy as np
+
+from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.conditioning.tilt import Vector
 
 
@@ -14,7 +16,8 @@ class Block(NamedTuple):
 
     stamps_ns (n,) and time_s (n,) are the instants without the filter delay (time_s since epoch_ns, the sensor's first
     stamp, for alignment); levelled_mps2 (n, 3), gravity-free, third axis up, before the low-pass; low_passed_mps2 (n,),
-    vertical, up to cutoff_hz. gap_s: gap before the first sample of a run.
+    vertical, up to cutoff_hz. gap_s: gap before the first sample of a run. filled (n,): interpolated samples, None
+    without any.
     """
 
     stamps_ns: Integers
@@ -26,6 +29,12 @@ class Block(NamedTuple):
     epoch_ns: int
     rate_hz: float
     cutoff_hz: float
+    filled: Flags | None = None
+
+    @property
+    def filled_flags(self) -> Flags:
+        """The flags (n,) of interpolated samples."""
+        return np.zeros(len(self.levelled_mps2), dtype=bool) if self.filled is None else self.filled
 
     def part(self, begin: int, end: int) -> Block:
         """The samples from `begin` up to `end`."""
@@ -35,6 +44,7 @@ class Block(NamedTuple):
             levelled_mps2=self.levelled_mps2[begin:end],
             low_passed_mps2=self.low_passed_mps2[begin:end],
             begins_run=self.begins_run and begin == 0,
+            filled=None if self.filled is None else self.filled[begin:end],
         )
 
 

@@ -402,6 +402,7 @@ class Conditioner:
         """One call of the kernel: (samples consumed, block written, reason of its stop)."""
         assert self.rest is not None
         epoch_ns, is_single = self._run_epoch_ns, stamps_ns.shape[0] == 1
+        filled_before = self._counts.item(kernel.FILLED)
         buffers = self._single_buffers if is_single else _new_buffers(stamps_ns.shape[0], self._max_fill)
         if self.mode == "survey":
             used, written, why = self._survey(stamps_ns, samples, final, buffers)
@@ -422,7 +423,7 @@ class Conditioner:
         rows = stamps[:written], times[:written] + shift_s, levelled[:written], low_passed[:written, 0]
         block = Block(
             *(_copied(rows) if is_single else rows), begins_run, gap_s, self.rest.epoch_ns, self.rate_hz,
-            self.settings.cutoff_hz,
+            self.settings.cutoff_hz, source[:written] < 0 if self._counts.item(kernel.FILLED) > filled_before else None,
         )  # fmt: skip
         return used, block, why
 
@@ -462,7 +463,11 @@ class Conditioner:
             return []
         stamps, times, levelled = (np.concatenate([block[k] for block in self._run_blocks]) for k in range(3))
         run = self._run_blocks[0]._replace(
-            stamps_ns=stamps, time_s=times, levelled_mps2=levelled, low_passed_mps2=self.zero_phase(levelled[:, 2])
+            stamps_ns=stamps,
+            time_s=times,
+            levelled_mps2=levelled,
+            low_passed_mps2=self.zero_phase(levelled[:, 2]),
+            filled=np.concatenate([block.filled_flags for block in self._run_blocks]),
         )
         self._run_blocks = []
         return [run]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -17,7 +17,10 @@ from biodyn_core.base.arrays import Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SENSORS
 from biodyn_core.conditioning.rest import Rest
-from biodyn_core.exposure.losses import NO_LOSSES, Losses
+from biodyn_core.exposure.losses import Losses
+
+STORED_LOSSES: Final = 5
+"""The first so many losses of a sensor are stored; its suspect seconds are among the totals of its meters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +66,7 @@ class ExposureCheckpoint:
                 name: {
                     "newest_ns": one.newest_ns,
                     "told_ns": one.covered_ns,
-                    "lost": list(one.losses),
+                    "lost": list(one.losses[:STORED_LOSSES]),
                     "rest": dataclasses.asdict(one.rest),
                     "meters": _lists(one.totals),
                 }
@@ -96,7 +99,7 @@ def _lists(totals: Mapping[str, Floats]) -> dict[str, Any]:
 
 def _sensor(document: Mapping[str, Any]) -> SensorCheckpoint:
     losses = [_number(value) for value in document["lost"]]
-    if len(losses) != len(NO_LOSSES) or min(losses) < 0.0:
+    if len(losses) != STORED_LOSSES or min(losses) < 0.0:
         raise ValueError("lost: expected five numbers, none below zero")
     newest_ns, covered_ns = document["newest_ns"], document["told_ns"]
     if not (isinstance(newest_ns, int) and isinstance(covered_ns, int) and 0 <= newest_ns <= covered_ns < 2**63):

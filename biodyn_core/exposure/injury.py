@@ -90,16 +90,18 @@ class DriMeter(Meter[Dri]):
         self._seen = np.zeros(2, dtype=np.int64)
         self._tally = Tally(rate_hz, 1, 2, 0, window_s)
 
-    def push(self, accel_mps2: Floats) -> None:
+    def push(self, accel_mps2: Floats, suspect: bool = False) -> None:
         """Count a block (n, 1)."""
-        t = self._tally
+        t, largest_at = self._counting(len(accel_mps2), suspect), int(self._seen[1])
         kernels.dynamic_response(
             accel_mps2, self._transition, self._state, t.bin, t.total, t.ring, t.position, t.length, self._seen
         )
+        if suspect:
+            self._seen[1] = largest_at
 
     def skip(self, seconds: float) -> None:
         """Move on by a break of that length."""
-        self._seen[0] += self._tally.skip(seconds)
+        self._seen[0] += self._skip(seconds)
         self._state[:] = 0.0
 
     def reset(self) -> None:
@@ -140,22 +142,22 @@ class HicMeter(Meter[Hic]):
         self._windows = np.zeros((3, 2))
         self._tally = Tally(rate_hz, 3, 1, 0, window_s)
 
-    def push(self, accel_mps2: Floats) -> None:
+    def push(self, accel_mps2: Floats, suspect: bool = False) -> None:
         """Count a block (n, 3)."""
         if not accel_mps2.size:
             return
         g = accel_mps2 / STANDARD_GRAVITY_MPS2
         channels = np.column_stack([np.abs(g[:, 2] + 1.0), np.abs(g[:, 2]), np.sqrt((g**2).sum(axis=1))])
         finer, self._last = _interpolated(self._last, channels, self._steps), channels[-1:]
-        t = self._tally
+        t, windows = self._counting(len(finer), suspect), self._windows.copy() if suspect else self._windows
         kernels.head_injury(
             finer, 1.0 / self._rate_hz, self._length_s, self._weights, self._history, self._filled,
-            self._seen, self._windows, t.bin, t.total, t.ring, t.position, t.length,
+            self._seen, windows, t.bin, t.total, t.ring, t.position, t.length,
         )  # fmt: skip
 
     def skip(self, seconds: float) -> None:
         """Move on by a break of that length; no window reaches across it."""
-        self._seen += self._tally.skip(seconds)
+        self._seen += self._skip(seconds)
         self._begin_anew()
 
     def reset(self) -> None:

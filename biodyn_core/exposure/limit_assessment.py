@@ -5,9 +5,11 @@ The measured seat alone is assessed, never a prediction. Directive 2002/44/EC; I
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import math
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -20,6 +22,8 @@ from biodyn_core.exposure.meters import Dose, HorizontalMeter
 
 Zone = Literal["below_action_value", "above_action_value", "above_limit_value", "undecided"]
 Horizontal = Literal["yaw_given", "worst_direction", "missing"]
+
+KINDS: Final[tuple[Kind, Kind]] = ("action", "limit")
 
 HORIZONTAL_FACTOR: Final = 1.4
 """k of the horizontal axes for health, seated (ISO 2631-1:1997, 7.2.3; 2002/44/EC)."""
@@ -119,30 +123,28 @@ def seat_exposure(
     limits: Limits,
     quality: DataQuality,
     project: bool = False,
+    with_suspect: Dose | None = None,
 ) -> SeatExposure:
     """Assess the seat: max(1.4 awx, 1.4 awy, awz) and the same for VDV (2002/44/EC; ISO 2631-1:1997, 7.2.3).
 
     Without a yaw the horizontal axes are unknown, and the largest over all directions is used for both, a value never
     below either. project: to eight hours from less than 20 minutes too.
+
+    with_suspect: the vertical with suspect samples, None without any. A value is reached without them, or not surely
+    reached; times, projections and the zone below a value contain them.
     """
-    axes = _Axes.of(vertical, horizontal, yaw_rad)
-    a8_axis, vdv_axis = axes.largest(axes.aw_mps2), axes.largest(axes.vdv_mps175)
-    seconds = vertical.seconds
-    lacks_axis = axes.missing_axes > 0 or quality.losses.dead_s > 0.0
-    exposure = _Counted(
-        {
-            "a8": axes.factor(a8_axis) * axes.aw_mps2[a8_axis] * math.sqrt(seconds / EIGHT_HOURS_S),
-            "vdv": axes.factor(vdv_axis) * axes.vdv_mps175[vdv_axis],
-        },
-        {"a8": a8_axis, "vdv": vdv_axis},
-        seconds,
-        quality.losses,
-        lower_bound=quality.losses.lower_bound or lacks_axis,
-        withheld=_unusable(quality) or _incomplete(quality, seconds) or _gravity_error(quality),
-        uncertainty=_uncertainty(quality, seconds, axes),
-    )
-    deciding = _assess(limits.deciding, exposure)
-    projects = exposure.withheld is None and (project or seconds >= PROJECTION_AFTER_S) and seconds <= EIGHT_HOURS_S
+    missing_axes = _missing_axes(with_suspect or vertical, horizontal, suspect=with_suspect is not None)
+    lacks_axis = missing_axes > 0 or quality.losses.dead_s > 0.0
+    axes = _Axes.of(vertical, horizontal, yaw_rad, missing_axes)
+    sure = whole = _counted(axes, vertical.seconds, quality, lacks_axis)
+    if with_suspect is not None:
+        whole_axes = _Axes.of(with_suspect, horizontal, yaw_rad, missing_axes, suspect=True)
+        whole = _counted(whole_axes, with_suspect.seconds, quality, lacks_axis)
+    if doubt := _doubt(limits.deciding, sure, whole):
+        whole = dataclasses.replace(whole, withheld=whole.withheld or doubt)
+    deciding = _assess(limits.deciding, sure, whole)
+    seconds = whole.counted_s
+    projects = whole.withheld is None and (project or seconds >= PROJECTION_AFTER_S) and seconds <= EIGHT_HOURS_S
     scale = EIGHT_HOURS_S / seconds if projects else math.nan
     return SeatExposure(
         **vars(deciding),
@@ -150,18 +152,18 @@ def seat_exposure(
         horizontal=axes.horizontal,
         aw_weighted_mps2=axes.aw_mps2,
         vdv_weighted_mps175=axes.vdv_mps175,
-        a8_so_far_mps2=exposure.so_far["a8"],
-        a8_axis=a8_axis,
-        vdv_so_far_mps175=exposure.so_far["vdv"],
-        vdv_axis=vdv_axis,
-        lower_bound=exposure.lower_bound,
-        withheld=exposure.withheld,
-        a8_projected_8h_mps2=exposure.so_far["a8"] * math.sqrt(scale) if projects else None,
-        vdv_projected_8h_mps175=exposure.so_far["vdv"] * scale**0.25 if projects else None,
+        a8_so_far_mps2=sure.so_far["a8"],
+        a8_axis=sure.axis["a8"],
+        vdv_so_far_mps175=sure.so_far["vdv"],
+        vdv_axis=sure.axis["vdv"],
+        lower_bound=sure.lower_bound,
+        withheld=whole.withheld,
+        a8_projected_8h_mps2=whole.so_far["a8"] * math.sqrt(scale) if projects else None,
+        vdv_projected_8h_mps175=whole.so_far["vdv"] * scale**0.25 if projects else None,
         projected_from_s=seconds if projects else None,
         projected_lower_bound=lacks_axis,
         shock_ratios=_shock_ratios(vertical, axes, deciding.axis),
-        additional=tuple(_assess(each, exposure) for each in limits.additional),
+        additional=tuple(_assess(each, sure, whole) for each in limits.additional),
     )
 
 
@@ -175,18 +177,18 @@ class _Axes:
     missing_axes: int
 
     @classmethod
-    def of(cls, vertical: Dose, plane: HorizontalMeter, yaw_rad: float | None) -> _Axes:
-        first, second = plane.along([0.0, np.pi / 2.0])[0].tolist()
-        least = MIN_AXIS_SHARE * max(first, second, vertical.aw_mps2)
-        missing_axes = (first <= least) + (second <= least)
+    def of(
+        cls, vertical: Dose, plane: HorizontalMeter, yaw_rad: float | None, missing_axes: int, suspect: bool = False
+    ) -> _Axes:
+        along = functools.partial(plane.along, suspect=suspect)
         up_aw, up_vdv = {"z": vertical.aw_mps2}, {"z": vertical.vdv_mps175}
         if missing_axes == 2:
             return cls(up_aw, up_vdv, "missing", missing_axes)
         if yaw_rad is None:
-            aws, vdvs = plane.along(np.linspace(0.0, np.pi, 361))
+            aws, vdvs = along(np.linspace(0.0, np.pi, 361))
             aw, vdv = {"worst_direction": float(aws.max())}, {"worst_direction": float(vdvs.max())}
             return cls(aw | up_aw, vdv | up_vdv, "worst_direction", missing_axes)
-        aws, vdvs = plane.along([yaw_rad, yaw_rad + np.pi / 2.0])
+        aws, vdvs = along([yaw_rad, yaw_rad + np.pi / 2.0])
         aw, vdv = dict(zip("xy", aws.tolist(), strict=True)), dict(zip("xy", vdvs.tolist(), strict=True))
         return cls(aw | up_aw, vdv | up_vdv, "yaw_given", missing_axes)
 
@@ -238,39 +240,89 @@ class _Counted:
         return left if math.isfinite(left) else None
 
 
-def _assess(limits: LimitSet, exposure: _Counted) -> LimitAssessment:
-    used: dict[Kind, dict[Measure, float]] = {
-        kind: {measure: exposure.used(measure, value) for measure, value in limits.values(kind).items()}
-        for kind in ("action", "limit")
-    }
-    action, limit = max(used["action"].values()), max(used["limit"].values())
-    at: Kind = "limit" if limit >= 1.0 else "action"
-    governing = max(used[at], key=lambda measure: used[at][measure])
+def _missing_axes(vertical: Dose, plane: HorizontalMeter, suspect: bool) -> int:
+    """The number of horizontal axes without data."""
+    first, second = plane.along([0.0, np.pi / 2.0], suspect=suspect)[0].tolist()
+    least = MIN_AXIS_SHARE * max(first, second, vertical.aw_mps2)
+    return int(first <= least) + int(second <= least)
+
+
+def _counted(axes: _Axes, seconds: float, quality: DataQuality, lacks_axis: bool) -> _Counted:
+    a8_axis, vdv_axis = axes.largest(axes.aw_mps2), axes.largest(axes.vdv_mps175)
+    return _Counted(
+        {
+            "a8": axes.factor(a8_axis) * axes.aw_mps2[a8_axis] * math.sqrt(seconds / EIGHT_HOURS_S),
+            "vdv": axes.factor(vdv_axis) * axes.vdv_mps175[vdv_axis],
+        },
+        {"a8": a8_axis, "vdv": vdv_axis},
+        seconds,
+        quality.losses,
+        lower_bound=quality.losses.lower_bound or lacks_axis,
+        withheld=_unusable(quality) or _incomplete(quality, seconds) or _gravity_error(quality),
+        uncertainty=_uncertainty(quality, seconds, axes),
+    )
+
+
+def _assess(limits: LimitSet, sure: _Counted, whole: _Counted) -> LimitAssessment:
+    """Assess the exposure without suspect samples (`sure`) and with them (`whole`)."""
+    action, limit = (_used(limits, whole, kind) for kind in KINDS)
+    sure_action, sure_limit = (_used(limits, sure, kind) for kind in KINDS)
+    suspect = _doubt(limits, sure, whole)
+    reached = "limit" if sure_limit.share >= 1.0 else "action" if sure_action.share >= 1.0 else None
+    governing = limit.measure if limit.share >= 1.0 else action.measure
     zone: Zone = "undecided"
-    if limit >= 1.0:
-        zone, reason = "above_limit_value", _reached(limits, exposure, "limit", governing)
-    elif action >= 1.0:
-        zone, reason = "above_action_value", _reached(limits, exposure, "action", governing)
-        if exposure.uncertainty:
-            reason += f"; whether the limit value is reached too is undecided, because {exposure.uncertainty}"
-    elif exposure.uncertainty:
-        reason = f"the counted exposure reaches no value of {limits.source}, but {exposure.uncertainty}"
-    elif action * exposure.elapsed_s / exposure.counted_s < 1.0:
-        zone, reason = "below_action_value", _below(limits, exposure)
+    if reached == "limit":
+        governing = sure_limit.measure
+        zone, reason = "above_limit_value", _reached(limits, sure, "limit", governing)
+    elif reached == "action":
+        governing = sure_action.measure
+        zone, reason = "above_action_value", _reached(limits, sure, "action", governing)
+        if doubt := suspect or whole.uncertainty:
+            reason += f"; whether the limit value is reached too is undecided, because {doubt}"
+    elif doubt := suspect or whole.uncertainty:
+        reason = f"the counted exposure reaches no value of {limits.source}, but {doubt}"
+    elif action.share * whole.elapsed_s / whole.counted_s < 1.0:
+        zone, reason = "below_action_value", _below(limits, whole)
     else:
         reason = (
             f"the counted exposure does not reach the action value of {limits.source}, but would reach it"
-            f" if the {exposure.losses.missing_s:.3g} s missing were like the rest"
+            f" if the {whole.losses.missing_s:.3g} s missing were like the rest"
         )
     return LimitAssessment(
         source=limits.source,
         zone=zone,
         zone_reason=reason,
         governing=governing,
-        axis=exposure.axis[governing],
-        time_to_action_value_s=exposure.left_s(action),
-        time_to_limit_value_s=exposure.left_s(limit),
+        axis=(sure if reached else whole).axis[governing],
+        time_to_action_value_s=None if suspect else whole.left_s(action.share),
+        time_to_limit_value_s=None if suspect else whole.left_s(limit.share),
     )
+
+
+class _Used(NamedTuple):
+    """The used share of the time until a value of a kind is reached, the measure that reaches it first, the value."""
+
+    share: float
+    measure: Measure
+    value: float
+
+
+def _used(limits: LimitSet, exposure: _Counted, kind: Kind) -> _Used:
+    found = (_Used(exposure.used(name, value), name, value) for name, value in limits.values(kind).items())
+    return max(found, key=lambda used: used.share)
+
+
+def _doubt(limits: LimitSet, sure: _Counted, whole: _Counted) -> str | None:
+    """Why a value may be reached that only suspect samples reach, None without such a value."""
+    for kind in KINDS:
+        used = _used(limits, whole, kind)
+        if used.share >= 1.0 > _used(limits, sure, kind).share:
+            return (
+                f"{_NAME[used.measure]} is {number(whole.so_far[used.measure])} {_UNIT[used.measure]} ({kind} value"
+                f" {used.value:g}) with the {whole.losses.suspect_s:.3g} s after losses within strong motion, which the"
+                " losses may have raised"
+            )
+    return None
 
 
 _NAME: Final[dict[Measure, str]] = {"a8": "A(8)", "vdv": "VDV"}

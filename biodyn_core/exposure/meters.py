@@ -4,12 +4,14 @@ Every meter takes blocks of any size and reads since reset or over the last `win
 A NaN sample is missing. `skip(seconds)` is a break, 0 s where time jumped back: windows move on by it, nothing is
 counted, and filters, oscillators and windows restart after it. So missing samples make every figure a lower bound,
 except for the false dose of a weighting that restarts from a wrong level (`_Weighting`) or in the middle of a shock,
-and of the straight line over a short loss: within strong motion these can raise a figure (docs/exposure.md, limits).
+and of the straight line over a short loss. Samples that these may have raised are `suspect`: their part in the figures
+is kept apart.
 ISO 2631-1:1997; Zaman et al., Eq. 23-27, in definitions that resolve their contradictions.
 """
 
 from __future__ import annotations
 
+import copy
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -154,6 +156,11 @@ class Tally:
         passed = self._left_over + seconds * self._rate_hz
         samples = round(passed)
         self._left_over = passed - samples
+        self.pass_over(samples)
+        return samples
+
+    def pass_over(self, samples: int) -> None:
+        """Let samples pass without counting them."""
         closed, self.position[0] = divmod(int(self.position[0]) + samples, self.length)
         if closed:
             slots = len(self.ring)
@@ -163,7 +170,18 @@ class Tally:
             self.position[1] += closed
             # The open bin closes at the break with its present content, the bins after it are empty.
             self.ring[(self.position[1] - 1 - np.arange(min(closed - 1, slots))) % slots] = 0.0
-        return samples
+
+    def at_zero(self) -> Tally:
+        """A tally at the same time with the same window, in which nothing is counted."""
+        other = copy.deepcopy(self)
+        for rows in (other.bin, other.total, other.ring, other._before_reset):
+            rows[:] = 0.0
+        return other
+
+    def joined(self, other: Tally | None, rolling: bool) -> Floats:
+        """The total since reset or of the window (c, k), of both."""
+        own = self.rolling() if rolling else self.since_reset()
+        return own if other is None else self._join(own, other.rolling() if rolling else other.since_reset())
 
 
 class _Weighting:
@@ -195,21 +213,47 @@ class _Weighting:
 
 
 class Meter(ABC, Generic[Figures]):
-    """Base of all meters: figures of a tally, whose totals since reset can be stored and continued."""
+    """Base of all meters: figures of a tally, whose totals since reset can be stored and continued.
+
+    Samples that are suspect are counted in a tally of their own, which exists from the first one on.
+    """
 
     _tally: Tally
+    _suspect: Tally | None = None
 
     def since_reset(self) -> Figures:
-        """The figures since the last reset."""
+        """The figures since the last reset, without suspect samples."""
         return self._figures(self._tally.since_reset(), rolling=False)
 
     def rolling(self) -> Figures:
-        """The figures over the last `window_s`."""
+        """The figures over the last `window_s`, without suspect samples."""
         return self._figures(self._tally.rolling(), rolling=True)
+
+    def with_suspect(self, rolling: bool = False) -> Figures:
+        """The figures since the last reset or over the last `window_s`, with suspect samples."""
+        return self._figures(self._tally.joined(self._suspect, rolling), rolling)
+
+    def _counting(self, samples: int, suspect: bool) -> Tally:
+        """The tally that counts the next samples; the other one lets them pass."""
+        if suspect and self._suspect is None:
+            self._suspect = self._tally.at_zero()
+        if self._suspect is None:
+            return self._tally
+        passive, active = (self._tally, self._suspect) if suspect else (self._suspect, self._tally)
+        passive.pass_over(samples)
+        return active
+
+    def _skip(self, seconds: float) -> int:
+        """Let time pass without samples; return their number."""
+        if self._suspect:
+            self._suspect.skip(seconds)
+        return self._tally.skip(seconds)
 
     def end_window(self, absent_s: float) -> None:
         """Let the rolling window end so long after the last sample, until this is called again."""
         self._tally.end_window(absent_s)
+        if self._suspect:
+            self._suspect.end_window(absent_s)
 
     @abstractmethod
     def _figures(self, rows: Floats, rolling: bool) -> Figures:
@@ -222,6 +266,8 @@ class Meter(ABC, Generic[Figures]):
     def reset(self) -> None:
         """Set everything "since reset" to zero."""
         self._tally.reset()
+        if self._suspect:
+            self._suspect.reset()
 
     def forget(self) -> None:
         """Forget all earlier samples, as after a warm-up; only the states of filters continue."""
@@ -230,6 +276,17 @@ class Meter(ABC, Generic[Figures]):
     def totals(self) -> Floats:
         """The totals since reset, for `resume` of a meter of another run."""
         return self._tally.totals()
+
+    def suspect_totals(self) -> Floats | None:
+        """The totals of suspect samples, for `resume_suspect`; None without any."""
+        return self._suspect.totals() if self._suspect else None
+
+    def resume_suspect(self, totals: Floats) -> None:
+        """Continue from totals of suspect samples of an earlier run; raises InputError where they do not fit."""
+        if totals.shape != self._tally.total.shape:
+            raise InputError(f"suspect totals have shape {totals.shape}, {self._tally.total.shape} is needed")
+        self._suspect = self._suspect or self._tally.at_zero()
+        self._suspect.resume(totals)
 
     def resume(self, totals: Floats) -> None:
         """Continue from totals of an earlier run; raises InputError for sums of powers below zero."""
@@ -256,9 +313,9 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
         """Start in motion, before the first block: `accel_mps2` (n, c) are the first readings. See `_Weighting`."""
         self._weighting.begin(accel_mps2)
 
-    def push(self, accel_mps2: Floats) -> None:
+    def push(self, accel_mps2: Floats, suspect: bool = False) -> None:
         """Count a block (n, c)."""
-        w, t = self._weighting, self._tally
+        w, t = self._weighting, self._counting(len(accel_mps2), suspect)
         kernels.dose(
             accel_mps2, w.sos, w.state, w.follow, w.level, self._decay, self._running, self._squares, self._partial,
             self._filled, self._window, t.bin, t.total, t.ring, t.position, t.length,
@@ -266,7 +323,7 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
 
     def skip(self, seconds: float) -> None:
         """Move on by a break of that length."""
-        samples = self._tally.skip(seconds)
+        samples = self._skip(seconds)
         self._filled[0] = (self._filled[0] + samples) % (self._squares.shape[1] - 1)
         self._weighting.restart()
         self._clear_averages()
@@ -311,14 +368,14 @@ class HorizontalMeter(Meter[Floats]):
         """Start in motion, before the first block: `accel_mps2` (n, 2) are the first readings. See `_Weighting`."""
         self._weighting.begin(accel_mps2)
 
-    def push(self, accel_mps2: Floats) -> None:
+    def push(self, accel_mps2: Floats, suspect: bool = False) -> None:
         """Count a block (n, 2)."""
-        w, t = self._weighting, self._tally
+        w, t = self._weighting, self._counting(len(accel_mps2), suspect)
         kernels.planar_dose(accel_mps2, w.sos, w.state, w.follow, w.level, t.bin, t.total, t.ring, t.position, t.length)
 
     def skip(self, seconds: float) -> None:
         """Move on by a break of that length."""
-        self._tally.skip(seconds)
+        self._skip(seconds)
         self._weighting.restart()
 
     def totals(self) -> Floats:
@@ -329,12 +386,24 @@ class HorizontalMeter(Meter[Floats]):
         """Continue from totals of an earlier run; mixed moments of both axes may be below zero."""
         self._tally.resume(_rotated(totals, -self._first_axis_rad))
 
+    def suspect_totals(self) -> Floats | None:
+        """The totals of suspect samples, along the sensor's own axes."""
+        totals = super().suspect_totals()
+        return None if totals is None else _rotated(totals, self._first_axis_rad)
+
+    def resume_suspect(self, totals: Floats) -> None:
+        """Continue from totals of suspect samples of an earlier run."""
+        super().resume_suspect(_rotated(totals, -self._first_axis_rad))
+
     def _figures(self, rows: Floats, rolling: bool) -> Floats:
         return rows[0]
 
-    def along(self, angles_rad: ArrayLike, rolling: bool = False) -> tuple[Floats, Floats]:
-        """Return (aw m/s^2, VDV m/s^1.75) along directions (n,) from the first axis, each (n,)."""
-        row = self.rolling() if rolling else self.since_reset()
+    def along(self, angles_rad: ArrayLike, rolling: bool = False, suspect: bool = False) -> tuple[Floats, Floats]:
+        """Return (aw m/s^2, VDV m/s^1.75) along directions (n,) from the first axis, each (n,).
+
+        suspect: with suspect samples.
+        """
+        row = self.with_suspect(rolling) if suspect else self.rolling() if rolling else self.since_reset()
         angle = np.atleast_1d(np.asarray(angles_rad, dtype=np.float64))
         c, s = np.cos(angle), np.sin(angle)
         second = row[0] * c**2 + 2.0 * row[1] * c * s + row[2] * s**2

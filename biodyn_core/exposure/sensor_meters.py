@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
 
-from biodyn_core.base.arrays import Floats
+from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import HEAD, SEAT
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.exposure.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
 from biodyn_core.exposure.meters import BIN_S, Dose, DoseMeter, HorizontalMeter, Meter, motion_sickness_mps15
+from biodyn_core.exposure.suspect import SuspectSamples
 from biodyn_core.signals.weighting import WeightingName
 
 BATCH: Final = 128
@@ -24,6 +26,9 @@ FIRST_LEVEL_S: Final = 2.0
 
 It is the time constant of the level of Wk and Wd (`LEVEL_SHARE`). These readings are counted late, not lost.
 """
+
+SUSPECT: Final = " (suspect)"
+"""Ends the names of stored totals of suspect samples."""
 
 
 class Batch:
@@ -54,6 +59,7 @@ class SensorMeters:
 
     weightings: further ones of the vertical. first_axis_rad: see `HorizontalMeter`. begins_in_motion: the run does not
     follow a rest, so weightings start from the mean of the readings of the first `FIRST_LEVEL_S`, which wait for it.
+    Figures are without suspect samples, except where these are asked for.
 
     has_level: whether weightings have a level to start from. Before it nothing of this run is counted.
     """
@@ -70,6 +76,8 @@ class SensorMeters:
         self.rate_hz = rate_hz
         self.has_level = not begins_in_motion
         self._batch = Batch(BATCH if self.has_level else math.ceil(FIRST_LEVEL_S * rate_hz))
+        self._filled: list[Flags] = []
+        self._suspects, self._follows_loss = SuspectSamples(rate_hz), begins_in_motion
         self._vertical = DoseMeter("Wk", rate_hz, 1, window_s)
         self._further = {name: DoseMeter(name, rate_hz, 1, window_s) for name in weightings}
         self._plane = HorizontalMeter(rate_hz, window_s, first_axis_rad) if sensor == SEAT else None
@@ -91,6 +99,9 @@ class SensorMeters:
             self.finish()
             for meter in self._named.values():
                 meter.skip(block.gap_s)
+            self._suspects.begin_run(self._follows_loss)
+            self._follows_loss = True  # of the first run, where the next one begins
+        self._filled.append(block.filled_flags)
         self._count(self._batch.add(block.levelled_mps2))
 
     def _count(self, rows: Floats | None) -> None:
@@ -98,13 +109,20 @@ class SensorMeters:
             return
         if not self.has_level:
             self._begin(rows)
+        suspect = self._suspects.flags(rows, np.concatenate(self._filled))
+        self._filled = []
+        changes = np.flatnonzero(np.diff(suspect)) + 1
+        for begin, end in pairwise([0, *changes.tolist(), len(rows)]):
+            self._push(rows[begin:end], bool(suspect[begin:end].any()))
+
+    def _push(self, rows: Floats, suspect: bool) -> None:
         up = np.ascontiguousarray(rows[:, 2:])
         for meter in self._upward:
-            meter.push(up)
+            meter.push(up, suspect)
         if self._plane:
-            self._plane.push(np.ascontiguousarray(rows[:, :2]))
+            self._plane.push(np.ascontiguousarray(rows[:, :2]), suspect)
         for hic in self._hics.values():
-            hic.push(rows)
+            hic.push(rows, suspect)
 
     def _begin(self, rows: Floats) -> None:
         """Start the weightings from the level of the first rows."""
@@ -129,6 +147,15 @@ class SensorMeters:
         """The vertical, Wk."""
         self._count_batch()
         return (self._vertical.rolling() if rolling else self._vertical.since_reset())[0]
+
+    def vertical_with_suspect(self) -> Dose:
+        """The vertical since reset, Wk, with suspect samples."""
+        self._count_batch()
+        return self._vertical.with_suspect()[0]
+
+    def suspect_s(self) -> float:
+        """Seconds of suspect samples since reset."""
+        return self.vertical_with_suspect().seconds - self.vertical().seconds
 
     def further(self, rolling: bool = False) -> dict[str, Dose]:
         """The vertical, by further weighting."""
@@ -167,6 +194,7 @@ class SensorMeters:
         """Set everything "since reset" to zero; first readings that still wait are dropped."""
         if not self.has_level:
             self._batch.take()
+            self._filled = []
         self._count_batch()
         for meter in self._named.values():
             meter.reset()
@@ -174,7 +202,9 @@ class SensorMeters:
     def totals(self) -> dict[str, Floats]:
         """The totals since reset, by meter, without first readings that still wait."""
         self._count_batch()
-        return {name: meter.totals() for name, meter in self._named.items()}
+        suspect = {f"{name}{SUSPECT}": meter.suspect_totals() for name, meter in self._named.items()}
+        totals = {name: meter.totals() for name, meter in self._named.items()}
+        return totals | {name: rows for name, rows in suspect.items() if rows is not None}
 
     def resume(self, totals: Mapping[str, Floats], break_s: float) -> None:
         """Continue from totals of an earlier run, after a break; raises InputError for totals that do not fit."""
@@ -182,6 +212,8 @@ class SensorMeters:
         for name, meter in self._named.items():
             if name in totals:
                 resume_meter(meter, totals[name], name)
+            if (suspect := totals.get(f"{name}{SUSPECT}")) is not None:
+                meter.resume_suspect(suspect)
             meter.skip(break_s)
 
 

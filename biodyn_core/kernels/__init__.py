@@ -12,6 +12,7 @@ from biodyn_core.kernels.compiling import COMPILED
 from biodyn_core.kernels.exposure import (
     dose,
     dynamic_response,
+    flag_suspect,
     head_injury,
     peak_forces,
     planar_dose,
@@ -30,6 +31,7 @@ __all__ = [
     "filter_sections",
     "find_rails",
     "first_invalid",
+    "flag_suspect",
     "follow_attitude",
     "head_injury",
     "integrate_chain",

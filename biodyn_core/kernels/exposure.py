@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.kernels.compiling import compiled
 
@@ -266,6 +266,28 @@ def residual(
         position[0] += 1
         if position[0] == length:
             _close_bin(bin_, total, ring, position, 3)
+
+
+@compiled
+def flag_suspect(
+    x: Floats, filled: Flags, strong: float, shortest: int, near: int, lasting: int, state: Integers, suspect: Flags
+) -> None:
+    """Flag the `lasting` rows of x (n, c) from a loss on that lies within `near` rows of one with a value above strong.
+
+    filled (n,): interpolated rows; fewer than `shortest` in a row are no loss. state (4,): interpolated rows in a row,
+    rows since a loss, rows since a strong one, and rows that are still to be flagged.
+    """
+    for n in range(x.shape[0]):
+        state[0] = state[0] + 1 if filled[n] else 0
+        is_loss, is_strong = state[0] >= shortest, False
+        for c in range(x.shape[1]):
+            is_strong = is_strong or abs(x[n, c]) > strong
+        state[1] = 0 if is_loss else state[1] + 1
+        state[2] = 0 if is_strong else state[2] + 1
+        if (is_loss and state[2] <= near) or (is_strong and state[1] <= near):
+            state[3] = lasting
+        suspect[n] = state[3] > 0
+        state[3] = max(state[3] - 1, 0)
 
 
 @compiled

@@ -108,7 +108,9 @@ class ExposureCounter:
         # A rail that is found or withdrawn later changes the samples before the reset too.
         clipped = self._conditioners[sensor].clipping().before(self._clipping_at_reset[sensor])
         at_reset = self._at_reset[sensor]._replace(clipped=clipped)
-        return self._losses(sensor).since(at_reset).plus(self._initial_losses(sensor))
+        losses = self._losses(sensor).since(at_reset).plus(self._initial_losses(sensor))
+        meters = self.since_reset().get(sensor)
+        return losses._replace(suspect_s=meters.suspect_s() if meters else 0.0)
 
     def _losses(self, sensor: str) -> Losses:
         """The losses of a sensor in this run."""

@@ -9,13 +9,14 @@ from typing import Any, Final
 import numpy as np
 
 from biodyn_core import kernels
-from biodyn_core.base.arrays import Floats
+from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.base.segments import MEASURED_SEGMENTS, N_SEGMENTS, SEGMENTS, SENSORS
 from biodyn_core.body.model import MOTION_COLUMNS, WARM_UP_S, Chain, Stepper, parts_of_motion
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.exposure.joint_forces import JointForce, JointForceMeter
 from biodyn_core.exposure.meters import Dose, DoseMeter, Meter
 from biodyn_core.exposure.sensor_meters import Batch, resume_meter
+from biodyn_core.exposure.suspect import SuspectSamples
 from biodyn_core.pipeline.comparison import Comparison
 from biodyn_core.pipeline.intervals import IntervalEstimator, PredictionSpread, SegmentSpread
 
@@ -37,7 +38,8 @@ class SeatPredictor:
     """Predict the segments from the seat, count the predictions, and feed the comparison.
 
     The chain begins from rest after each gap and each divergence. Until it has settled (`WARM_UP_S`), its predictions
-    are returned, but neither counted nor compared. begins_at_rest: whether the first run does. divergences: samples at
+    are returned, but neither counted nor compared; nor are those of suspect samples (`suspect`), because the chain
+    follows the straight line over a loss too. begins_at_rest: whether the first run does. divergences: samples at
     which the model left its range; unpredicted: samples since reset that are not counted. intervals: None without a
     spread of the predictions.
     """
@@ -63,6 +65,7 @@ class SeatPredictor:
         self._accel_batch, self._force_batch = Batch(), Batch()
         self._warm_up = round(WARM_UP_S * rate_hz)
         self._unsettled = 0
+        self._suspects = SuspectSamples(rate_hz)
         self._at_rest = begins_at_rest
 
     def push(self, block: Block) -> tuple[Floats, Floats]:
@@ -72,8 +75,11 @@ class SeatPredictor:
         before = self.divergences
         accel, motion = self._predict(block.low_passed_mps2)
         self.seat_peak_mps2 = max(self.seat_peak_mps2, _peak(block.low_passed_mps2))
-        settles = self._unsettled > 0 or self.divergences > before
-        counted, counted_motion = self._settled(accel, motion) if settles else (accel, motion)
+        suspect = self._suspects.flags(block.levelled_mps2, block.filled_flags)
+        if self._unsettled > 0 or self.divergences > before or suspect.any():
+            counted, counted_motion = self._settled(accel, motion, suspect)
+        else:
+            counted, counted_motion = accel, motion
         self._count(counted, counted_motion)
         if self.intervals:
             self.intervals.push(block, counted)
@@ -84,13 +90,14 @@ class SeatPredictor:
         """Begin from rest after a gap, or at the first sample."""
         self.stepper.reset()
         self._unsettled = 0 if self._at_rest else self._warm_up
+        self._suspects.begin_run(follows_loss=False)  # it settles anyway
         self._at_rest = False  # of the seat, where the next run begins
         self._count_all()
         for meter in self._of_predictions:
             meter.skip(gap_s)
 
-    def _settled(self, accel: Floats, motion: Floats) -> tuple[Floats, Floats]:
-        """The predictions with NaN until the chain has settled after its last begin from rest."""
+    def _settled(self, accel: Floats, motion: Floats, suspect: Flags) -> tuple[Floats, Floats]:
+        """The predictions with NaN where suspect (n,), and until the chain has settled after a begin from rest."""
         diverged = np.isnan(accel[:, 0])
         left = np.where(diverged, self._warm_up + 1, 0)
         left[0] = max(left[0], self._unsettled)
@@ -98,7 +105,7 @@ class SeatPredictor:
         at = np.arange(left.size)
         left = np.maximum.accumulate(left + at) - at
         self._unsettled = max(0, int(left[-1]) - 1)
-        unsettled = left > 0
+        unsettled = (left > 0) | suspect
         self.unpredicted += int(unsettled.sum())
         accel, motion = accel.copy(), motion.copy()
         accel[unsettled], motion[unsettled] = np.nan, np.nan

@@ -74,6 +74,11 @@ MAX_EXTRA_DECIMALS: Final = 3
 """An interval has at most so many decimal places more than a number has."""
 
 
+def after_losses(seconds: float) -> str:
+    """A clause about the suspect seconds of a sensor."""
+    return f"{seconds:.3f} s after losses within strong motion are left out, because the losses may raise figures"
+
+
 def unchanging(flat: int, dead: int) -> list[str]:
     """The warnings about samples whose value does not change, or one axis of it while another one moves."""
     lines = [f"{counted(flat, 'sample')} with an unchanging value counted as missing: stuck sensor?"] if flat else []

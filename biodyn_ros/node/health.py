@@ -330,6 +330,7 @@ def sensor_status(name: str, health: SensorHealth, pipeline: Pipeline, ahead_s: 
         "clock_apart_s": f"{offset_s:.3f}",
         "clock_off_ms": _number(ahead_s and 1e3 * ahead_s, ".3f"),
         "missing_s": f"{losses.missing_s:.3f}",
+        "suspect_s": f"{losses.suspect_s:.3f}",
         "lower_bound": str(losses.lower_bound or losses.dead_s > 0.0).lower(),
         "settling": str(is_settling(seen)).lower(),
     }

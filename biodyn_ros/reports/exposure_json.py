@@ -100,8 +100,8 @@ def _channels(channels: Mapping[str, ChannelExposure]) -> dict[str, Document]:
     return {
         name: dose_figures(dose)
         | {
-            "clipped_samples": lost.clipped, "missing_s": lost.missing_s, "lower_bound": lost.lower_bound,
-            "aw_lower_bound": lost.mean_lower_bound,
+            "clipped_samples": lost.clipped, "missing_s": lost.missing_s, "suspect_s": lost.suspect_s,
+            "lower_bound": lost.lower_bound, "aw_lower_bound": lost.mean_lower_bound,
         }
         for name, (dose, lost) in channels.items()
     }  # fmt: skip

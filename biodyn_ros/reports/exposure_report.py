@@ -27,6 +27,7 @@ from biodyn_ros.base.wording import (
     INTERVAL_OF_MISFIT,
     MODEL,
     REJECTED,
+    after_losses,
     compared_without,
     left_range,
     rejected,
@@ -221,6 +222,8 @@ def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
             lines.append(f"{name}: {counted(lost.clipped, 'sample')} clipped: doses and peaks are lower bounds")
         if lost.missing_s > 0.0:
             lines.append(f"{name}: {lost.missing_s:.3f} s missing: doses and peaks are lower bounds")
+        if lost.suspect_s > 0.0:
+            lines.append(f"{name}: {after_losses(lost.suspect_s)}")
     return [*lines, *_model_warnings(pipeline)]
 
 
@@ -232,8 +235,8 @@ def _model_warnings(pipeline: Pipeline) -> Iterator[str]:
         yield f"{MODEL}: {left_range(run.divergences)}"
     if run.unpredicted_s > 0.0:
         yield (
-            f"{MODEL}: {run.unpredicted_s:.2f} s of predictions are not counted, in which it settles from rest:"
-            " measured figures contain this time"
+            f"{MODEL}: {run.unpredicted_s:.2f} s of predictions are not counted, in which it settles from rest"
+            " or after a loss: measured figures may contain this time"
         )
 
 
@@ -258,9 +261,9 @@ def _with_absent(lost: Losses, seconds: float) -> Losses:
 
 
 def _lost_compared(name: str, doses: Mapping[str, Dose], lost: Mapping[str, Losses]) -> Losses:
-    """Losses of a low-passed sensor: with those of the seat, and instants without a sample."""
+    """Losses of a low-passed sensor: with those of the seat, and instants without a sample. It has suspect samples."""
     if name == SEAT:
-        return lost[SEAT]
+        return lost[SEAT]._replace(suspect_s=0.0)
     alone_s = doses[SEAT].seconds - doses[name].seconds if SEAT in doses else 0.0
     seat_s = lost[SEAT].missing_s + (alone_s if alone_s > EDGE_S else 0.0)
-    return _with_absent(lost[name], max(0.0, seat_s - lost[name].missing_s))
+    return _with_absent(lost[name], max(0.0, seat_s - lost[name].missing_s))._replace(suspect_s=0.0)

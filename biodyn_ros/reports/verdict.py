@@ -9,7 +9,7 @@ from biodyn_core.base.wording import counted, number
 from biodyn_core.exposure.limit_assessment import SeatExposure
 from biodyn_core.exposure.limits import Kind
 from biodyn_core.exposure.losses import Losses
-from biodyn_ros.base.wording import duration, sentence, words
+from biodyn_ros.base.wording import after_losses, duration, sentence, words
 
 ZONE: Final = {
     "below_action_value": "Below the action values so far",
@@ -51,6 +51,8 @@ def seat_verdict(seat: SeatExposure | None, losses: Losses | None, doubt: str = 
     if losses and losses.lower_bound:
         lost = f"{losses.missing_s:.3f} s missing and {counted(losses.clipped, 'sample')} clipped at the seat"
         reasons.append(f"Values are lower bounds: {lost}.")
+        if losses.suspect_s > 0.0:
+            reasons.append(sentence(after_losses(losses.suspect_s)))
     if doubt:
         seat = replace(seat, withheld=doubt)  # no time left is given
         if tone == "good":
