@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import os
+import sqlite3
 import subprocess
 import sys
 import threading
@@ -18,6 +20,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from ros import Graph
 from rosgraph_msgs.msg import Clock
@@ -303,6 +306,54 @@ def test_recorded_outputs_of_a_live_node_are_not_played_as_those_of_the_present(
     assert line.endswith(
         f"{', '.join(RECORDED)}: not played: the live node and the player publish these topics themselves"
     )
+
+
+LATCHED = """- history: 1
+  depth: 1
+  reliability: 1
+  durability: {}
+"""
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+@pytest.mark.parametrize(("durability", "late"), [("1", ["<robot/>"]), ("transient_local", ["<robot/>"]), ("2", [])])
+def test_a_latched_topic_reaches_late_subscribers(
+    graph: Graph, tmp_path: Path, storage: str, durability: str, late: list[str]
+) -> None:
+    path, profiles = tmp_path / "bag", LATCHED.format(durability)
+    message = serialize_message(String(data="<robot/>"))
+    if storage == "mcap":
+        path = tmp_path / "bag.mcap"
+        with path.open("wb") as stream:
+            writer = Writer(stream)
+            writer.start(profile="ros2")
+            schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+            channel = writer.register_channel("/description", "cdr", schema, {"offered_qos_profiles": profiles})
+            writer.add_message(channel, START_NS, message, START_NS)
+            writer.finish()
+    else:
+        path.mkdir()
+        with contextlib.closing(sqlite3.connect(path / "bag_0.db3")) as database:
+            database.execute("CREATE TABLE topics(id INTEGER, name, type, serialization_format, offered_qos_profiles)")
+            database.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp INTEGER, data)")
+            database.execute(
+                "INSERT INTO topics VALUES(1, '/description', 'std_msgs/msg/String', 'cdr', ?)", (profiles,)
+            )
+            database.execute("INSERT INTO messages VALUES(1, 1, ?, ?)", (START_NS, message))
+            database.commit()
+        path = path / "bag_0.db3"
+    player = graph.add(Player(path, PlayerSettings(wait_s=0.0), context=graph.context))
+    assert player.play().messages == {"/description": 1}
+    qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    got: list[String] = []
+    subscriber = graph.node("late")
+    subscriber.create_subscription(String, "/description", got.append, qos)
+    control: list[String] = []
+    subscriber.create_subscription(String, "/control", control.append, qos)
+    publisher = graph.node("control").create_publisher(String, "/control", qos)
+    publisher.publish(String(data="latched"))
+    graph.wait(lambda: bool(control) and (not late or bool(got)), "latched messages")
+    assert [one.data for one in got] == late
 
 
 def test_a_recorded_clock_is_played_unless_the_player_publishes_one(graph: Graph, whole_bag: Path) -> None:

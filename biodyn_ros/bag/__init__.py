@@ -27,7 +27,7 @@ from biodyn_ros.bag.cdr import IMU_TYPE, ImuBlock, decode_imu_in
 from biodyn_ros.bag.files import files_of_directory, kind_of
 from biodyn_ros.bag.mcap import McapStorage
 from biodyn_ros.bag.sqlite import SqliteStorage
-from biodyn_ros.bag.storage import Block, Chunk, LogTimes, Storage, TopicInfo, TopicKey
+from biodyn_ros.bag.storage import Block, Chunk, LogTimes, Storage, TopicInfo, TopicKey, topic_infos
 from biodyn_ros.bag.writer import BagWriter
 
 __all__ = ["BagReader", "BagWriter", "Block", "Chunk", "LogTimes", "LoggedImu", "TopicInfo", "imu_blocks", "open_bag"]
@@ -80,7 +80,8 @@ class BagReader:
         counts: dict[TopicKey, int] = {}
         for topic in (topic for part in storages for topic in part.topics):
             counts[topic.name, topic.type] = counts.get((topic.name, topic.type), 0) + topic.messages
-        self.topics = tuple(TopicInfo(name, kind, n) for (name, kind), n in counts.items())
+        latched = {(topic.name, topic.type) for part in storages for topic in part.topics if topic.latched}
+        self.topics = topic_infos(counts, latched)
         self.message_count = sum(counts.values())
         self.start_ns = min((part.start_ns for part in storages if part.start_ns is not None), default=None)
         self.end_ns = max((part.end_ns for part in storages if part.end_ns is not None), default=None)

@@ -24,7 +24,17 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.wording import counted
 from biodyn_ros.bag import mcap_records as records
 from biodyn_ros.bag.mcap_records import DamagedError
-from biodyn_ros.bag.storage import Chunk, LogTimes, TopicInfo, TopicKey, grouped, refuse_foreign, require
+from biodyn_ros.bag.storage import (
+    OFFERED_QOS,
+    Chunk,
+    LogTimes,
+    TopicKey,
+    grouped,
+    is_latched,
+    refuse_foreign,
+    require,
+    topic_infos,
+)
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -124,7 +134,8 @@ class McapStorage:
         counts: Counter[TopicKey] = Counter({self._key(c): 0 for c in self._channels})
         for channel in self._channels:
             counts[self._key(channel)] += self._counts[channel]
-        self.topics = tuple(TopicInfo(topic, kind, n) for (topic, kind), n in counts.items())
+        latched = {self._key(i) for i, c in self._channels.items() if is_latched(c.metadata.get(OFFERED_QOS))}
+        self.topics = topic_infos(counts, latched)
         self.start_ns = min((piece.start_ns for piece in self._pieces), default=None)
         self.end_ns = max((piece.end_ns for piece in self._pieces), default=None)
         if self.recovered:

@@ -17,7 +17,16 @@ import numpy as np
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.wording import counted
-from biodyn_ros.bag.storage import Chunk, LogTimes, TopicInfo, TopicKey, grouped, refuse_foreign
+from biodyn_ros.bag.storage import (
+    OFFERED_QOS,
+    Chunk,
+    LogTimes,
+    TopicKey,
+    grouped,
+    is_latched,
+    refuse_foreign,
+    topic_infos,
+)
 
 MAGIC = b"SQLite format 3\0"
 
@@ -106,13 +115,18 @@ class SqliteStorage:
             raise TypeError("a topic without name, type or format")
         refuse_foreign(self._path, [(name, form) for _, name, _, form in rows], self._warnings)
         self._keys: dict[int, TopicKey] = {i: (name, kind) for i, name, kind, form in rows if form == "cdr"}
+        columns = [name for _, name, *_ in self._db.execute("PRAGMA table_info(topics)")]
+        # The first versions of rosbag2 did not record QoS.
+        has_qos = OFFERED_QOS in columns
+        profiles = self._db.execute("SELECT id, offered_qos_profiles FROM topics") if has_qos else ()
+        self._latched = {self._keys[i] for i, text in profiles if i in self._keys and is_latched(text)}
 
     def _count(self, messages: Mapping[int, int]) -> None:
         counts = dict.fromkeys(self._keys.values(), 0)
         for i, n in messages.items():
             if i in self._keys:
                 counts[self._keys[i]] += n
-        self.topics = tuple(TopicInfo(topic, kind, n) for (topic, kind), n in counts.items())
+        self.topics = topic_infos(counts, self._latched)
 
     def _recover(self) -> None:
         """Open a damaged file: its messages in the order of writing, up to the damage."""

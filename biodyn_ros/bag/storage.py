@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +23,24 @@ LogTimes = tuple[int, int]
 TopicKey = tuple[str, str]
 """Topic name and message type."""
 
+OFFERED_QOS: Final = "offered_qos_profiles"
+"""The name under which rosbag2 records the QoS of a topic's publishers."""
+
+_TRANSIENT_LOCAL: Final = re.compile(r"\bdurability:\s*(?:1|transient_local)\b")
+"""Up to Humble the policy is a number."""
+
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """One topic of a bag: name, message type (sensor_msgs/msg/Imu) and number of messages."""
+    """One topic of a bag: name, message type (sensor_msgs/msg/Imu) and number of messages.
+
+    latched: whether a recorded publisher kept its messages for late subscribers (transient local durability).
+    """
 
     name: str
     type: str
     messages: int
+    latched: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +104,16 @@ class Storage(Protocol):
 
     def close(self) -> None:
         """Close the file."""
+
+
+def is_latched(offered_qos_profiles: object) -> bool:
+    """Whether a publisher of a topic was transient local, by the profiles that rosbag2 records, as YAML text."""
+    return isinstance(offered_qos_profiles, str) and _TRANSIENT_LOCAL.search(offered_qos_profiles) is not None
+
+
+def topic_infos(messages: Mapping[TopicKey, int], latched: Collection[TopicKey]) -> tuple[TopicInfo, ...]:
+    """The topics of a bag from their numbers of messages and the latched ones."""
+    return tuple(TopicInfo(*key, n, key in latched) for key, n in messages.items())
 
 
 def require(module: str) -> ModuleType:

@@ -3,7 +3,7 @@
 Serialized messages are published unchanged except for the header stamp, which is shifted or set to log time. The
 publishers are RELIABLE, which matches both kinds of subscriber. The player waits until they are matched, because
 earlier messages are lost. It also waits at the end: best-effort subscribers acknowledge no message, and messages not
-yet received are lost when the publisher is destroyed.
+yet received are lost when the publisher is destroyed. Topics that were latched, as a robot's description, are again.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rclpy.clock import ROSClock
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
@@ -68,6 +68,7 @@ class Player(Node):
         with open_bag(bag) as reader:
             self._warn(*reader.warnings)
             types = self._choose_topics(reader, mapping or {})
+            self._latched = {topic.name for topic in reader.topics if topic.latched}
             self._by_log = self._choose_by_log(reader, types, time)
         self._outputs = self._create_outputs(types)
         if not self._outputs:
@@ -164,9 +165,6 @@ class Player(Node):
 
     def _create_outputs(self, types: dict[str, str]) -> dict[str, Any]:
         """The publisher of each topic of the bag; a topic that cannot be published gives a warning."""
-        qos = QoSProfile(
-            history=HistoryPolicy.KEEP_LAST, depth=self.settings.depth, reliability=ReliabilityPolicy.RELIABLE
-        )
         outputs = {}
         for name, kind in types.items():
             cls = message_class(kind)
@@ -175,11 +173,20 @@ class Player(Node):
                 self._warn(f"{name}: not played: {why}")
                 continue
             try:
-                outputs[name] = self.create_publisher(cls, self._names[name], qos)
+                outputs[name] = self.create_publisher(cls, self._names[name], self._qos(name))
             except (InvalidTopicNameException, ValueError) as error:  # ValueError: an unknown {substitution}
                 why = str(error).splitlines()[0].removeprefix("Invalid topic name: ").rstrip(":")
                 self._warn(f"{name}: not played: ROS refuses its name: {why}")
         return outputs
+
+    def _qos(self, topic: str) -> QoSProfile:
+        latched = topic in self._latched
+        return QoSProfile(
+            history=HistoryPolicy.KEEP_LAST,
+            depth=self.settings.depth,
+            reliability=ReliabilityPolicy.RELIABLE,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        )
 
     def _play_once(self, reader: BagReader, running: Callable[[], bool], past_ns: int, rebase_ns: int) -> None:
         """Publish the bag once; past_ns: the length of all earlier laps."""
