@@ -201,8 +201,9 @@ def _residual(kind: str) -> list:
 
 def _flag_suspect(kind: str) -> list:
     x = given(kind, 3)
-    filled = np.arange(len(x)) % 40 < 5
-    return [x, filled, 2.0, 3, 4, 20, np.array([0, 2**62, 2**62, 0]), np.zeros(len(x), dtype=bool)]
+    lost = np.where(np.arange(len(x)) % 40 < 5, 5, 0)
+    state = np.array([2**62, 0, 2**62, 0])
+    return [x, lost, 2.0, 1e-3, 3, 4, 5, 20, np.full(3, 0.1), state, np.zeros(len(x), dtype=bool)]
 
 
 ARGUMENTS: dict[str, Callable[[str], list]] = {

@@ -57,7 +57,7 @@ def test_the_largest_direction_stands_for_both_axes_and_missing_axes_are_a_dash_
 
 def test_lower_bounds_say_why() -> None:
     read = readings(Losses(3, 0.25, 0.0, 0.0), lower_bound=True)
-    assert read.bounds == "≥ means at least: 0.250 s are missing, 3 samples clipped."
+    assert read.bounds == "≥ means at least: 0.250 s missing, 3 samples clipped."
     assert all(each.vdv_lower_bound and each.aw_lower_bound for each in read.axes)
     absent = readings(NO_LOSSES._replace(absent_s=0.25), lower_bound=True)
     assert all(each.vdv_lower_bound and not each.aw_lower_bound for each in absent.axes)

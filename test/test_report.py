@@ -92,11 +92,13 @@ def seat(**changed: Any) -> SeatExposure:
         source="2002/44/EC",
         zone="below_action_value",
         zone_reason="everything is below",
+        may_be_reached=None,
         governing="vdv",
         axis="z",
         time_to_action_value_s=14_400.0,
         time_to_limit_value_s=400_000.0,
         seconds=60.5,
+        suspect_s=0.0,
         horizontal="worst_direction",
         aw_weighted_mps2={"worst_direction": 0.0313, "z": 0.412},
         vdv_weighted_mps175={"worst_direction": 0.213, "z": 2.317},
@@ -113,7 +115,7 @@ def seat(**changed: Any) -> SeatExposure:
         shock_ratios=ratios(),
         additional=(
             LimitAssessment(
-                EU_LIMITS.additional[0].source, "below_action_value", "lower than 8.5", "vdv", "z", None, None
+                EU_LIMITS.additional[0].source, "below_action_value", "lower than 8.5", None, "vdv", "z", None, None
             ),
         ),
     )
@@ -538,10 +540,10 @@ def test_lower_bounds_are_printed_as_such_and_never_green(tmp_path):
     page = page_of(tmp_path, report(seat=doubtful, sensors=sensors, predicted=predicted), None, empty_drawings)
     for expected in (
         "Undecided: no assessment of the seat", "Too much is missing.", "A(8), m/s² >= 0.0187", "VDV, m/s¹·⁷⁵ >= 2.32",
-        "1.234 s missing and 0 samples clipped",
+        "at the seat 1.234 s missing.",
         "Action value: time left withheld, because 1.23 s are missing at the seat, more than 1 %.",
-        "seat 0.100 >= 0.500 >= 0.200 7.25 >= 0.725 1.234 0",
-        "head >= 0.155 >= 0.775 >= 0.310 7.25 >= 1.12 0.000 17",
+        "seat 0.100 >= 0.500 >= 0.200 7.25 >= 0.725 1.234 0.000 0",
+        "head >= 0.155 >= 0.775 >= 0.310 7.25 >= 1.12 0.000 0.000 17",
         "pelvis 0.200 0.317 >= 1.00 1.58 >= 0.400", "DRI >= 6.78", "HIC15 >= 1.23 >= 0.456 >= 0.567 1.200 to 1.213 565",
         "undecided whether additional evaluation is required",
     ):  # fmt: skip
@@ -818,3 +820,22 @@ def test_the_aw_of_a_stuck_sensor_is_a_lower_bound(tmp_path):
 @pytest.mark.parametrize(("text", "expected"), [("a b", "A b."), ("is it?", "Is it?"), ("2 s are", "2 s are.")])
 def test_sentences_have_a_capital_and_a_full_stop(text, expected):
     assert sentence(text) == expected
+
+
+def test_after_losses_within_strong_motion_a_time_is_about_and_the_doubt_is_amber() -> None:
+    lost = NO_LOSSES._replace(filled_s=0.04, suspect_s=1.85)
+    below = seat(suspect_s=1.85, lower_bound=True)
+    assert left("action", below) == "about 4 h 0 min left"
+    verdict = seat_verdict(below, lost)
+    assert verdict.tone == "good"
+    (lower,) = [reason for reason in verdict.reasons if "lower bounds" in reason]
+    assert lower.endswith(": at the seat 0.040 s missing, 1.850 s left out after losses within strong motion.")
+    doubted = seat(zone="undecided", may_be_reached="limit", suspect_s=1.85, lower_bound=True, withheld="it is so")
+    verdict = seat_verdict(doubted, lost)
+    assert (verdict.tone, verdict.headline) == ("warn", "Undecided: the limit value may be reached")
+    projected = seat(
+        a8_projected_8h_mps2=0.4, vdv_projected_8h_mps175=8.0, projected_from_s=1300.0, suspect_s=1.85, lower_bound=True
+    )
+    text = summary(report(seat=projected))
+    assert "VDV 8.00 m/s^1.75, which losses within strong motion may have raised" in text
+    assert "SEAT: UNDECIDED: THE LIMIT VALUE MAY BE REACHED" in summary(report(seat=doubted))

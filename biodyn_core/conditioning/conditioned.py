@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from biodyn_core.base.arrays import Flags, Floats, Integers
+from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.conditioning.tilt import Vector
 
 
@@ -16,8 +16,8 @@ class Block(NamedTuple):
 
     stamps_ns (n,) and time_s (n,) are the instants without the filter delay (time_s since epoch_ns, the sensor's first
     stamp, for alignment); levelled_mps2 (n, 3), gravity-free, third axis up, before the low-pass; low_passed_mps2 (n,),
-    vertical, up to cutoff_hz. gap_s: gap before the first sample of a run. filled (n,): interpolated samples, None
-    without any.
+    vertical, up to cutoff_hz. gap_s: gap before the first sample of a run. lost (n,): of each interpolated sample,
+    the number of samples that were lost with it, 0 for measured ones; None without any.
     """
 
     stamps_ns: Integers
@@ -29,12 +29,12 @@ class Block(NamedTuple):
     epoch_ns: int
     rate_hz: float
     cutoff_hz: float
-    filled: Flags | None = None
+    lost: Integers | None = None
 
     @property
-    def filled_flags(self) -> Flags:
-        """The flags (n,) of interpolated samples."""
-        return np.zeros(len(self.levelled_mps2), dtype=bool) if self.filled is None else self.filled
+    def losses(self) -> Integers:
+        """`lost` (n,), zeros without any."""
+        return np.zeros(len(self.levelled_mps2), dtype=np.int64) if self.lost is None else self.lost
 
     def part(self, begin: int, end: int) -> Block:
         """The samples from `begin` up to `end`."""
@@ -44,8 +44,17 @@ class Block(NamedTuple):
             levelled_mps2=self.levelled_mps2[begin:end],
             low_passed_mps2=self.low_passed_mps2[begin:end],
             begins_run=self.begins_run and begin == 0,
-            filled=None if self.filled is None else self.filled[begin:end],
+            lost=None if self.lost is None else self.lost[begin:end],
         )
+
+
+def lost_samples(source: Integers) -> Integers:
+    """`Block.lost` from the index (n,) of each sample among the raw ones, which is negative where interpolated."""
+    lost = np.zeros(len(source), dtype=np.int64)
+    edges = np.flatnonzero(np.diff(source < 0, prepend=False, append=False))
+    for begin, end in edges.reshape(-1, 2).tolist():
+        lost[begin:end] = end - begin
+    return lost
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.sampling_rate import MAX_RATE_HZ, MIN_RATE_HZ, RATE_TOLERANCE
 from biodyn_core.base.segments import HEAD, SEAT, STANDARD_GRAVITY_MPS2
-from biodyn_core.conditioning.conditioned import Block, SensorStatus
+from biodyn_core.conditioning.conditioned import Block, SensorStatus, lost_samples
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.conditioning.gravity import Gravity, GravitySearch
 from biodyn_core.conditioning.low_pass import group_delay_s, low_pass_sections, reach, zero_phase
@@ -421,9 +421,10 @@ class Conditioner:
         begins_run, gap_s = self.runs.add(begins_ns, ends_ns, 1.0 / self.rate_hz)
         shift_s = (epoch_ns - self.rest.epoch_ns) * 1e-9 + self.runs.lap_s - self.delay_s
         rows = stamps[:written], times[:written] + shift_s, levelled[:written], low_passed[:written, 0]
+        lost = lost_samples(source[:written]) if self._counts.item(kernel.FILLED) > filled_before else None
         block = Block(
             *(_copied(rows) if is_single else rows), begins_run, gap_s, self.rest.epoch_ns, self.rate_hz,
-            self.settings.cutoff_hz, source[:written] < 0 if self._counts.item(kernel.FILLED) > filled_before else None,
+            self.settings.cutoff_hz, lost,
         )  # fmt: skip
         return used, block, why
 
@@ -467,7 +468,7 @@ class Conditioner:
             time_s=times,
             levelled_mps2=levelled,
             low_passed_mps2=self.zero_phase(levelled[:, 2]),
-            filled=np.concatenate([block.filled_flags for block in self._run_blocks]),
+            lost=np.concatenate([block.losses for block in self._run_blocks]),
         )
         self._run_blocks = []
         return [run]

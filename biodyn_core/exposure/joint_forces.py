@@ -43,18 +43,20 @@ class JointForce:
 class JointForceMeter(Meter[tuple[JointForce, ...]]):
     """Peaks and rms of the force in each joint: `push` blocks (n, c) of N, compression positive; NaN is missing."""
 
+    _count = 1
+
     def __init__(self, rate_hz: float, channels: int, window_s: float) -> None:
         self._rate_hz = rate_hz
         self._tally = Tally(rate_hz, channels, 4, 2, window_s)
 
-    def push(self, force_n: Floats) -> None:
+    def push(self, force_n: Floats, suspect: bool = False) -> None:
         """Count a block."""
-        t = self._tally
+        t = self._counting(len(force_n), suspect)
         kernels.peak_forces(force_n, t.bin, t.total, t.ring, t.position, t.length)
 
     def skip(self, seconds: float) -> None:
         """Move on by a break of that length."""
-        self._tally.skip(seconds)
+        self._skip(seconds)
 
     def _figures(self, rows: Floats, rolling: bool) -> tuple[JointForce, ...]:
         return tuple(

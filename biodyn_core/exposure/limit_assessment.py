@@ -16,14 +16,12 @@ import numpy as np
 from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.base.wording import counted, number, number_below
 from biodyn_core.conditioning.conditioner import GRAVITY_TOLERANCE
-from biodyn_core.exposure.limits import Kind, Limits, LimitSet, Measure
+from biodyn_core.exposure.limits import KINDS, Kind, Limits, LimitSet, Measure
 from biodyn_core.exposure.losses import Losses
 from biodyn_core.exposure.meters import Dose, HorizontalMeter
 
 Zone = Literal["below_action_value", "above_action_value", "above_limit_value", "undecided"]
 Horizontal = Literal["yaw_given", "worst_direction", "missing"]
-
-KINDS: Final[tuple[Kind, Kind]] = ("action", "limit")
 
 HORIZONTAL_FACTOR: Final = 1.4
 """k of the horizontal axes for health, seated (ISO 2631-1:1997, 7.2.3; 2002/44/EC)."""
@@ -60,13 +58,15 @@ class DataQuality:
 class LimitAssessment:
     """The seat against one set of limits: zone with its reason, and the seconds left until action and limit value.
 
-    governing: the measure that reaches the zone's value first, in time; axis: that measure's axis. Times are None where
-    they are withheld or if the value is never reached.
+    may_be_reached: the highest value that is reached with suspect samples alone, None without one. governing: the
+    measure that reaches the zone's value first, in time; axis: that measure's axis. Times are None where they are
+    withheld or if the value is never reached.
     """
 
     source: str
     zone: Zone
     zone_reason: str
+    may_be_reached: Kind | None
     governing: Measure
     axis: str
     time_to_action_value_s: float | None
@@ -93,12 +93,14 @@ class SeatExposure(LimitAssessment):
     """The seat's figures and their assessment by the deciding set; `additional`: by the other sets.
 
     aw and VDV by axis are without k; A(8) and VDV so far are the largest over the axes with k = 1.4, 1.4, 1.0.
-    lower_bound: samples are missing or clipped, or an axis is missing or dead. withheld: why there are no times and no
-    projections. projected_from_s: the counted seconds; projected_lower_bound: an axis is missing or dead.
+    lower_bound: samples are missing, clipped or suspect, or an axis is missing or dead. suspect_s: the counted seconds
+    that are in no figure but in times and projections, which they may have raised. withheld: why there are no times and
+    no projections. projected_from_s: the counted seconds; projected_lower_bound: an axis is missing or dead.
     shock_ratios: of the governing axis.
     """
 
     seconds: float
+    suspect_s: float
     horizontal: Horizontal
     aw_weighted_mps2: dict[str, float]
     vdv_weighted_mps175: dict[str, float]
@@ -130,25 +132,22 @@ def seat_exposure(
     Without a yaw the horizontal axes are unknown, and the largest over all directions is used for both, a value never
     below either. project: to eight hours from less than 20 minutes too.
 
-    with_suspect: the vertical with suspect samples, None without any. A value is reached without them, or not surely
-    reached; times, projections and the zone below a value contain them.
+    with_suspect: the vertical with suspect samples, None without any. Only without them a value is surely reached;
+    times, projections and the zone below a value contain them.
     """
-    missing_axes = _missing_axes(with_suspect or vertical, horizontal, suspect=with_suspect is not None)
-    lacks_axis = missing_axes > 0 or quality.losses.dead_s > 0.0
+    complete, has_suspect, seconds = with_suspect or vertical, with_suspect is not None, vertical.seconds
+    missing_axes = _missing_axes(complete, horizontal, has_suspect)
     axes = _Axes.of(vertical, horizontal, yaw_rad, missing_axes)
-    sure = whole = _counted(axes, vertical.seconds, quality, lacks_axis)
-    if with_suspect is not None:
-        whole_axes = _Axes.of(with_suspect, horizontal, yaw_rad, missing_axes, suspect=True)
-        whole = _counted(whole_axes, with_suspect.seconds, quality, lacks_axis)
-    if doubt := _doubt(limits.deciding, sure, whole):
-        whole = dataclasses.replace(whole, withheld=whole.withheld or doubt)
+    all_axes = _Axes.of(complete, horizontal, yaw_rad, missing_axes, has_suspect)
+    sure, whole = (_counted(each, seconds, quality) for each in (axes, all_axes))
     deciding = _assess(limits.deciding, sure, whole)
-    seconds = whole.counted_s
-    projects = whole.withheld is None and (project or seconds >= PROJECTION_AFTER_S) and seconds <= EIGHT_HOURS_S
+    withheld = whole.withheld or _doubt(limits.deciding, sure, whole)
+    projects = withheld is None and (project or seconds >= PROJECTION_AFTER_S) and seconds <= EIGHT_HOURS_S
     scale = EIGHT_HOURS_S / seconds if projects else math.nan
     return SeatExposure(
         **vars(deciding),
         seconds=seconds,
+        suspect_s=quality.losses.suspect_s,
         horizontal=axes.horizontal,
         aw_weighted_mps2=axes.aw_mps2,
         vdv_weighted_mps175=axes.vdv_mps175,
@@ -157,12 +156,12 @@ def seat_exposure(
         vdv_so_far_mps175=sure.so_far["vdv"],
         vdv_axis=sure.axis["vdv"],
         lower_bound=sure.lower_bound,
-        withheld=whole.withheld,
+        withheld=withheld,
         a8_projected_8h_mps2=whole.so_far["a8"] * math.sqrt(scale) if projects else None,
         vdv_projected_8h_mps175=whole.so_far["vdv"] * scale**0.25 if projects else None,
         projected_from_s=seconds if projects else None,
-        projected_lower_bound=lacks_axis,
-        shock_ratios=_shock_ratios(vertical, axes, deciding.axis),
+        projected_lower_bound=_lacks_axis(axes, quality),
+        shock_ratios=_shock_ratios((vertical, axes), (complete, all_axes), deciding.axis),
         additional=tuple(_assess(each, sure, whole) for each in limits.additional),
     )
 
@@ -247,7 +246,11 @@ def _missing_axes(vertical: Dose, plane: HorizontalMeter, suspect: bool) -> int:
     return int(first <= least) + int(second <= least)
 
 
-def _counted(axes: _Axes, seconds: float, quality: DataQuality, lacks_axis: bool) -> _Counted:
+def _lacks_axis(axes: _Axes, quality: DataQuality) -> bool:
+    return axes.missing_axes > 0 or quality.losses.dead_s > 0.0
+
+
+def _counted(axes: _Axes, seconds: float, quality: DataQuality) -> _Counted:
     a8_axis, vdv_axis = axes.largest(axes.aw_mps2), axes.largest(axes.vdv_mps175)
     return _Counted(
         {
@@ -257,45 +260,9 @@ def _counted(axes: _Axes, seconds: float, quality: DataQuality, lacks_axis: bool
         {"a8": a8_axis, "vdv": vdv_axis},
         seconds,
         quality.losses,
-        lower_bound=quality.losses.lower_bound or lacks_axis,
+        lower_bound=quality.losses.lower_bound or _lacks_axis(axes, quality),
         withheld=_unusable(quality) or _incomplete(quality, seconds) or _gravity_error(quality),
         uncertainty=_uncertainty(quality, seconds, axes),
-    )
-
-
-def _assess(limits: LimitSet, sure: _Counted, whole: _Counted) -> LimitAssessment:
-    """Assess the exposure without suspect samples (`sure`) and with them (`whole`)."""
-    action, limit = (_used(limits, whole, kind) for kind in KINDS)
-    sure_action, sure_limit = (_used(limits, sure, kind) for kind in KINDS)
-    suspect = _doubt(limits, sure, whole)
-    reached = "limit" if sure_limit.share >= 1.0 else "action" if sure_action.share >= 1.0 else None
-    governing = limit.measure if limit.share >= 1.0 else action.measure
-    zone: Zone = "undecided"
-    if reached == "limit":
-        governing = sure_limit.measure
-        zone, reason = "above_limit_value", _reached(limits, sure, "limit", governing)
-    elif reached == "action":
-        governing = sure_action.measure
-        zone, reason = "above_action_value", _reached(limits, sure, "action", governing)
-        if doubt := suspect or whole.uncertainty:
-            reason += f"; whether the limit value is reached too is undecided, because {doubt}"
-    elif doubt := suspect or whole.uncertainty:
-        reason = f"the counted exposure reaches no value of {limits.source}, but {doubt}"
-    elif action.share * whole.elapsed_s / whole.counted_s < 1.0:
-        zone, reason = "below_action_value", _below(limits, whole)
-    else:
-        reason = (
-            f"the counted exposure does not reach the action value of {limits.source}, but would reach it"
-            f" if the {whole.losses.missing_s:.3g} s missing were like the rest"
-        )
-    return LimitAssessment(
-        source=limits.source,
-        zone=zone,
-        zone_reason=reason,
-        governing=governing,
-        axis=(sure if reached else whole).axis[governing],
-        time_to_action_value_s=None if suspect else whole.left_s(action.share),
-        time_to_limit_value_s=None if suspect else whole.left_s(limit.share),
     )
 
 
@@ -312,17 +279,57 @@ def _used(limits: LimitSet, exposure: _Counted, kind: Kind) -> _Used:
     return max(found, key=lambda used: used.share)
 
 
+def _may_be_reached(limits: LimitSet, sure: _Counted, whole: _Counted) -> Kind | None:
+    """The highest value that the exposure reaches with suspect samples alone."""
+    with_them = [kind for kind in KINDS if _used(limits, whole, kind).share >= 1.0 > _used(limits, sure, kind).share]
+    return with_them[-1] if with_them else None
+
+
 def _doubt(limits: LimitSet, sure: _Counted, whole: _Counted) -> str | None:
-    """Why a value may be reached that only suspect samples reach, None without such a value."""
-    for kind in KINDS:
-        used = _used(limits, whole, kind)
-        if used.share >= 1.0 > _used(limits, sure, kind).share:
-            return (
-                f"{_NAME[used.measure]} is {number(whole.so_far[used.measure])} {_UNIT[used.measure]} ({kind} value"
-                f" {used.value:g}) with the {whole.losses.suspect_s:.3g} s after losses within strong motion, which the"
-                " losses may have raised"
-            )
-    return None
+    """Why a value may be reached that is not surely reached."""
+    if (kind := _may_be_reached(limits, sure, whole)) is None:
+        return None
+    _, measure, value = _used(limits, whole, kind)
+    return (
+        f"{_NAME[measure]} is {number(whole.so_far[measure])} {_UNIT[measure]} ({kind} value {value:g}) with"
+        f" {_suspect(whole)}, which the losses may have raised"
+    )
+
+
+def _assess(limits: LimitSet, sure: _Counted, whole: _Counted) -> LimitAssessment:
+    """Assess the exposure without suspect samples (`sure`) and with them (`whole`)."""
+    action, limit = (_used(limits, whole, kind) for kind in KINDS)
+    sure_action, sure_limit = (_used(limits, sure, kind) for kind in KINDS)
+    suspect = _doubt(limits, sure, whole)
+    governing, axes = limit.measure if limit.share >= 1.0 else action.measure, whole.axis
+    zone: Zone = "undecided"
+    if sure_limit.share >= 1.0:
+        governing, axes = sure_limit.measure, sure.axis
+        zone, reason = "above_limit_value", _reached(limits, sure, "limit", governing)
+    elif sure_action.share >= 1.0:
+        governing, axes = sure_action.measure, sure.axis
+        zone, reason = "above_action_value", _reached(limits, sure, "action", governing)
+        if doubt := suspect or whole.uncertainty:
+            reason += f"; whether the limit value is reached too is undecided, because {doubt}"
+    elif doubt := suspect or whole.uncertainty:
+        reason = f"the counted exposure reaches no value of {limits.source}, but {doubt}"
+    elif action.share * whole.elapsed_s / whole.counted_s < 1.0:
+        zone, reason = "below_action_value", _below(limits, whole)
+    else:
+        reason = (
+            f"the counted exposure does not reach the action value of {limits.source}, but would reach it"
+            f" if the {whole.losses.missing_s:.3g} s missing were like the rest"
+        )
+    return LimitAssessment(
+        source=limits.source,
+        zone=zone,
+        zone_reason=reason,
+        may_be_reached=_may_be_reached(limits, sure, whole),
+        governing=governing,
+        axis=axes[governing],
+        time_to_action_value_s=None if suspect and sure_action.share < 1.0 else whole.left_s(action.share),
+        time_to_limit_value_s=None if suspect else whole.left_s(limit.share),
+    )
 
 
 _NAME: Final[dict[Measure, str]] = {"a8": "A(8)", "vdv": "VDV"}
@@ -343,7 +350,13 @@ def _below(limits: LimitSet, exposure: _Counted) -> str:
     stated = f"value{'s' if len(values) > 1 else ''} of {' and '.join(f'{value:g}' for value in values.values())}"
     missing_s, allowed = exposure.losses.missing_s, f"within the {100.0 * MAX_MISSING_SHARE:g} % allowed"
     missing = f"; {missing_s:.3g} s are missing, {allowed}" if missing_s > 0.0 else ""
+    if exposure.losses.suspect_s > 0.0:
+        missing += f"; the figures contain {_suspect(exposure)}"
     return f"{figures}: below the action {stated} ({limits.source}){missing}"
+
+
+def _suspect(exposure: _Counted) -> str:
+    return f"the {exposure.losses.suspect_s:.3g} s after losses within strong motion"
 
 
 def _so_far(exposure: _Counted, measure: Measure, shown: str) -> str:
@@ -404,12 +417,26 @@ def _gravity_error(quality: DataQuality) -> str | None:
     return f"the seat reads {reads} for gravity, so its gain, unit or mounting may be wrong"
 
 
-def _shock_ratios(vertical: Dose, axes: _Axes, axis: str) -> tuple[ShockRatio, ...]:
-    """The ratios of ISO 2631-1:1997 above which rms is not enough; peak and MTVV exist for the vertical alone.
+def _shock_ratios(sure: tuple[Dose, _Axes], whole: tuple[Dose, _Axes], axis: str) -> tuple[ShockRatio, ...]:
+    """The ratios of ISO 2631-1:1997 above which rms is not enough, without and with suspect samples.
 
-    The larger MTVV is used, because 6.3.3 does not specify the average.
+    Unknown where one of the two exceeds the threshold and the other does not; otherwise the one nearer to it.
     """
-    aw, vdv = axes.aw_mps2[axis], axes.vdv_mps175[axis]
+    found = []
+    for one, other in zip(_ratios(*sure, axis), _ratios(*whole, axis), strict=True):
+        if one.exceeded is None or one.exceeded != other.exceeded:
+            found.append(dataclasses.replace(one, value=None))
+        else:
+            found.append(min(one, other, key=lambda ratio: abs((ratio.value or 0.0) - ratio.threshold)))
+    return tuple(found)
+
+
+def _ratios(vertical: Dose, axes: _Axes, axis: str) -> tuple[ShockRatio, ...]:
+    """Peak and MTVV exist for the vertical alone; the larger MTVV is used, because 6.3.3 does not specify the average.
+
+    None without exposure along the axis.
+    """
+    aw, vdv = axes.aw_mps2.get(axis, 0.0), axes.vdv_mps175.get(axis, 0.0)
     steady = aw * vertical.seconds**0.25
     up = steady > 0.0 and axis == "z"
     return (

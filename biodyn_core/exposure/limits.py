@@ -14,6 +14,7 @@ from biodyn_core.base.yaml_files import read_yaml
 
 Measure = Literal["a8", "vdv"]
 Kind = Literal["action", "limit"]
+KINDS: Final[tuple[Kind, Kind]] = ("action", "limit")
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ class Losses(NamedTuple):
     absent_s: seconds without any sample; filled_s: interpolated seconds; flat_s: seconds of a reading that never
     changes. Filled and flat seconds are counted like measured ones. dead_s: seconds in which one axis never changes
     while another one moves. They make the seat's horizontal figures and the head's HIC lower bounds; those in which it
-    is an axis of the vertical are flat too. suspect_s: measured seconds that a loss within strong motion may have
-    raised (`suspect`), so no figure contains them.
+    is an axis of the vertical are flat too. suspect_s: counted seconds that a loss within strong motion may have raised
+    (`suspect`), so that figures contain their time alone.
     """
 
     clipped: int
@@ -36,6 +36,10 @@ class Losses(NamedTuple):
     def mean_lower_bound(self) -> bool:
         """Whether means are lower bounds: by clipped, flat or suspect samples, not by missing ones."""
         return self.clipped > 0 or self.flat_s > 0.0 or self.suspect_s > 0.0
+
+    def with_suspect(self) -> Losses:
+        """The losses of a figure that contains suspect samples."""
+        return self._replace(suspect_s=0.0)
 
     def since(self, earlier: Losses) -> Losses:
         """The losses after an earlier state."""

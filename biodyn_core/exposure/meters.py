@@ -97,7 +97,7 @@ class Tally:
 
     def since_reset(self) -> Floats:
         """The total since reset, (c, k)."""
-        return self._join(self.total, self.bin)
+        return self.joined(self.total, self.bin)
 
     def rolling(self) -> Floats:
         """The total of the window, (c, k)."""
@@ -107,13 +107,14 @@ class Tally:
             ring = ring[(int(self.position[1]) + np.arange(min(self.absent, len(ring)), len(ring))) % len(ring)]
         past = ring.max(axis=0, initial=0.0)
         past[:, : self.sums] = ring[:, :, : self.sums].sum(axis=0)
-        return self._join(past, self._join(self._before_reset, self.bin))
+        return self.joined(past, self.joined(self._before_reset, self.bin))
 
     def end_window(self, absent_s: float) -> None:
         """Let the window end so long after the last sample, until this is called again."""
         self.absent = int(absent_s * self._rate_hz / self.length)
 
-    def _join(self, past: Floats, now: Floats) -> Floats:
+    def joined(self, past: Floats, now: Floats) -> Floats:
+        """The total (c, k) of two totals."""
         joined = np.maximum(past, now)
         joined[:, : self.sums] = past[:, : self.sums] + now[:, : self.sums]
         return joined
@@ -128,12 +129,12 @@ class Tally:
         """Add totals of an earlier run; the rolling window stays without them."""
         earlier = totals.copy()
         earlier[:, : self.sums] *= self._rate_hz
-        self.total = self._join(self.total, earlier)
+        self.total = self.joined(self.total, earlier)
 
     def reset(self) -> None:
         """Set the total since reset to zero; the rolling window continues, and so does its open bin."""
         self._close_reset_bin()
-        self._before_reset = self._join(self._before_reset, self.bin)
+        self._before_reset = self.joined(self._before_reset, self.bin)
         self._reset_in = int(self.position[1])
         self.bin[:] = 0.0
         self.total[:] = 0.0
@@ -145,7 +146,7 @@ class Tally:
             return
         if passed <= len(self.ring):
             slot = self._reset_in % len(self.ring)
-            self.ring[slot] = self._join(self.ring[slot], self._before_reset)
+            self.ring[slot] = self.joined(self.ring[slot], self._before_reset)
         self._before_reset[:] = 0.0
         self._reset_in = -1
 
@@ -178,10 +179,9 @@ class Tally:
             rows[:] = 0.0
         return other
 
-    def joined(self, other: Tally | None, rolling: bool) -> Floats:
-        """The total since reset or of the window (c, k), of both."""
-        own = self.rolling() if rolling else self.since_reset()
-        return own if other is None else self._join(own, other.rolling() if rolling else other.since_reset())
+    def read(self, rolling: bool) -> Floats:
+        """The total of the window, or since reset, (c, k)."""
+        return self.rolling() if rolling else self.since_reset()
 
 
 class _Weighting:
@@ -215,23 +215,41 @@ class _Weighting:
 class Meter(ABC, Generic[Figures]):
     """Base of all meters: figures of a tally, whose totals since reset can be stored and continued.
 
-    Samples that are suspect are counted in a tally of their own, which exists from the first one on.
+    Samples that are suspect are counted in a tally of their own, which exists from the first one on. Figures are
+    without them, but their time counts, so that means are lower bounds too. _count: the column of counted samples.
     """
 
     _tally: Tally
     _suspect: Tally | None = None
+    _count: int | None = None
 
     def since_reset(self) -> Figures:
         """The figures since the last reset, without suspect samples."""
-        return self._figures(self._tally.since_reset(), rolling=False)
+        return self._figures(self._sure(rolling=False), rolling=False)
 
     def rolling(self) -> Figures:
         """The figures over the last `window_s`, without suspect samples."""
-        return self._figures(self._tally.rolling(), rolling=True)
+        return self._figures(self._sure(rolling=True), rolling=True)
 
-    def with_suspect(self, rolling: bool = False) -> Figures:
-        """The figures since the last reset or over the last `window_s`, with suspect samples."""
-        return self._figures(self._tally.joined(self._suspect, rolling), rolling)
+    def with_suspect(self) -> Figures:
+        """The figures since the last reset, with suspect samples."""
+        rows = self._tally.since_reset()
+        if self._suspect:
+            rows = self._tally.joined(rows, self._suspect.since_reset())
+        return self._figures(rows, rolling=False)
+
+    def suspect_samples(self, rolling: bool) -> Floats:
+        """The number of suspect samples of each channel, (c,)."""
+        channels = len(self._tally.total)
+        if self._suspect is None or self._count is None:
+            return np.zeros(channels)
+        return self._suspect.read(rolling)[:, self._count]
+
+    def _sure(self, rolling: bool) -> Floats:
+        rows = self._tally.read(rolling)
+        if self._count is not None:
+            rows[:, self._count] += self.suspect_samples(rolling)
+        return rows
 
     def _counting(self, samples: int, suspect: bool) -> Tally:
         """The tally that counts the next samples; the other one lets them pass."""
@@ -277,26 +295,30 @@ class Meter(ABC, Generic[Figures]):
         """The totals since reset, for `resume` of a meter of another run."""
         return self._tally.totals()
 
-    def suspect_totals(self) -> Floats | None:
-        """The totals of suspect samples, for `resume_suspect`; None without any."""
-        return self._suspect.totals() if self._suspect else None
+    def resume(self, totals: Floats) -> None:
+        """Continue from totals of an earlier run; raises InputError for sums of powers below zero."""
+        self._check(totals)
+        self._tally.resume(totals)
+
+    def suspect_totals(self) -> Floats:
+        """The totals of suspect samples since reset, for `resume_suspect`; zeros without any."""
+        return self._suspect.totals() if self._suspect else np.zeros_like(self._tally.total)
 
     def resume_suspect(self, totals: Floats) -> None:
-        """Continue from totals of suspect samples of an earlier run; raises InputError where they do not fit."""
-        if totals.shape != self._tally.total.shape:
-            raise InputError(f"suspect totals have shape {totals.shape}, {self._tally.total.shape} is needed")
+        """Continue from totals of suspect samples of an earlier run; raises InputError as `resume`."""
+        self._check(totals)
         self._suspect = self._suspect or self._tally.at_zero()
         self._suspect.resume(totals)
 
-    def resume(self, totals: Floats) -> None:
-        """Continue from totals of an earlier run; raises InputError for sums of powers below zero."""
+    def _check(self, totals: Floats) -> None:
         if totals.min(initial=0.0) < 0.0:
             raise InputError("a stored sum of powers is below zero")
-        self._tally.resume(totals)
 
 
 class DoseMeter(Meter[tuple[Dose, ...]]):
     """aw, MTVV, VDV and peak, one `Dose` for each of the channels: `push` blocks (n, c) of m/s^2, unweighted."""
+
+    _count = 2
 
     def __init__(self, weighting: WeightingName, rate_hz: float, channels: int, window_s: float) -> None:
         self._rate_hz = rate_hz
@@ -307,6 +329,7 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
         self._filled = np.zeros(1, dtype=np.int64)
         self._decay = 1.0 - math.exp(-1.0 / self._window)
         self._running = np.zeros(channels)
+        self._was_suspect = False
         self._tally = Tally(rate_hz, channels, 6, 3, window_s)
 
     def begin(self, accel_mps2: Floats) -> None:
@@ -314,8 +337,11 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
         self._weighting.begin(accel_mps2)
 
     def push(self, accel_mps2: Floats, suspect: bool = False) -> None:
-        """Count a block (n, c)."""
+        """Count a block (n, c); after suspect samples the running averages begin again."""
         w, t = self._weighting, self._counting(len(accel_mps2), suspect)
+        if self._was_suspect and not suspect:
+            self._clear_averages()
+        self._was_suspect = suspect
         kernels.dose(
             accel_mps2, w.sos, w.state, w.follow, w.level, self._decay, self._running, self._squares, self._partial,
             self._filled, self._window, t.bin, t.total, t.ring, t.position, t.length,
@@ -359,6 +385,8 @@ class HorizontalMeter(Meter[Floats]):
     upside down turn with the smallest tilt.
     """
 
+    _count = 8
+
     def __init__(self, rate_hz: float, window_s: float, first_axis_rad: float = 0.0) -> None:
         self._rate_hz, self._first_axis_rad = rate_hz, first_axis_rad
         self._weighting = _Weighting("Wd", rate_hz, 2)
@@ -383,17 +411,19 @@ class HorizontalMeter(Meter[Floats]):
         return _rotated(self._tally.totals(), self._first_axis_rad)
 
     def resume(self, totals: Floats) -> None:
-        """Continue from totals of an earlier run; mixed moments of both axes may be below zero."""
-        self._tally.resume(_rotated(totals, -self._first_axis_rad))
+        """Continue from totals of an earlier run."""
+        super().resume(_rotated(totals, -self._first_axis_rad))
 
-    def suspect_totals(self) -> Floats | None:
-        """The totals of suspect samples, along the sensor's own axes."""
-        totals = super().suspect_totals()
-        return None if totals is None else _rotated(totals, self._first_axis_rad)
+    def suspect_totals(self) -> Floats:
+        """The totals of suspect samples since reset, along the sensor's own axes."""
+        return _rotated(super().suspect_totals(), self._first_axis_rad)
 
     def resume_suspect(self, totals: Floats) -> None:
         """Continue from totals of suspect samples of an earlier run."""
         super().resume_suspect(_rotated(totals, -self._first_axis_rad))
+
+    def _check(self, totals: Floats) -> None:
+        """Mixed moments of both axes may be below zero."""
 
     def _figures(self, rows: Floats, rolling: bool) -> Floats:
         return rows[0]
@@ -401,9 +431,9 @@ class HorizontalMeter(Meter[Floats]):
     def along(self, angles_rad: ArrayLike, rolling: bool = False, suspect: bool = False) -> tuple[Floats, Floats]:
         """Return (aw m/s^2, VDV m/s^1.75) along directions (n,) from the first axis, each (n,).
 
-        suspect: with suspect samples.
+        suspect: with suspect samples, since reset alone.
         """
-        row = self.with_suspect(rolling) if suspect else self.rolling() if rolling else self.since_reset()
+        row = self.with_suspect() if suspect else self.rolling() if rolling else self.since_reset()
         angle = np.atleast_1d(np.asarray(angles_rad, dtype=np.float64))
         c, s = np.cos(angle), np.sin(angle)
         second = row[0] * c**2 + 2.0 * row[1] * c * s + row[2] * s**2

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
 
-from biodyn_core.base.arrays import Flags, Floats
+from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import HEAD, SEAT
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.exposure.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
 from biodyn_core.exposure.meters import BIN_S, Dose, DoseMeter, HorizontalMeter, Meter, motion_sickness_mps15
-from biodyn_core.exposure.suspect import SuspectSamples
+from biodyn_core.exposure.suspect import SuspectSamples, constant_parts
 from biodyn_core.signals.weighting import WeightingName
 
 BATCH: Final = 128
@@ -76,8 +75,8 @@ class SensorMeters:
         self.rate_hz = rate_hz
         self.has_level = not begins_in_motion
         self._batch = Batch(BATCH if self.has_level else math.ceil(FIRST_LEVEL_S * rate_hz))
-        self._filled: list[Flags] = []
-        self._suspects, self._follows_loss = SuspectSamples(rate_hz), begins_in_motion
+        self._losses: list[Integers] = []
+        self._suspects, self._follows_loss = SuspectSamples(rate_hz), False
         self._vertical = DoseMeter("Wk", rate_hz, 1, window_s)
         self._further = {name: DoseMeter(name, rate_hz, 1, window_s) for name in weightings}
         self._plane = HorizontalMeter(rate_hz, window_s, first_axis_rad) if sensor == SEAT else None
@@ -100,8 +99,8 @@ class SensorMeters:
             for meter in self._named.values():
                 meter.skip(block.gap_s)
             self._suspects.begin_run(self._follows_loss)
-            self._follows_loss = True  # of the first run, where the next one begins
-        self._filled.append(block.filled_flags)
+            self._follows_loss = True  # every later run does
+        self._losses.append(block.losses)
         self._count(self._batch.add(block.levelled_mps2))
 
     def _count(self, rows: Floats | None) -> None:
@@ -109,11 +108,10 @@ class SensorMeters:
             return
         if not self.has_level:
             self._begin(rows)
-        suspect = self._suspects.flags(rows, np.concatenate(self._filled))
-        self._filled = []
-        changes = np.flatnonzero(np.diff(suspect)) + 1
-        for begin, end in pairwise([0, *changes.tolist(), len(rows)]):
-            self._push(rows[begin:end], bool(suspect[begin:end].any()))
+        suspect = self._suspects.flags(rows, np.concatenate(self._losses))
+        self._losses = []
+        for begin, end in constant_parts(suspect):
+            self._push(rows[begin:end], bool(suspect[begin]))
 
     def _push(self, rows: Floats, suspect: bool) -> None:
         up = np.ascontiguousarray(rows[:, 2:])
@@ -153,9 +151,14 @@ class SensorMeters:
         self._count_batch()
         return self._vertical.with_suspect()[0]
 
-    def suspect_s(self) -> float:
-        """Seconds of suspect samples since reset."""
-        return self.vertical_with_suspect().seconds - self.vertical().seconds
+    def suspect_s(self, rolling: bool = False) -> float:
+        """Seconds of suspect samples, which count in no figure except their time."""
+        self._count_batch()
+        return float(self._vertical.suspect_samples(rolling)[0]) / self.rate_hz
+
+    def has_sure_samples(self, rolling: bool = False) -> bool:
+        """Whether there are counted samples that are not suspect."""
+        return self.vertical(rolling).seconds > self.suspect_s(rolling)
 
     def further(self, rolling: bool = False) -> dict[str, Dose]:
         """The vertical, by further weighting."""
@@ -194,7 +197,7 @@ class SensorMeters:
         """Set everything "since reset" to zero; first readings that still wait are dropped."""
         if not self.has_level:
             self._batch.take()
-            self._filled = []
+            self._losses = []
         self._count_batch()
         for meter in self._named.values():
             meter.reset()
@@ -202,26 +205,35 @@ class SensorMeters:
     def totals(self) -> dict[str, Floats]:
         """The totals since reset, by meter, without first readings that still wait."""
         self._count_batch()
-        suspect = {f"{name}{SUSPECT}": meter.suspect_totals() for name, meter in self._named.items()}
-        totals = {name: meter.totals() for name, meter in self._named.items()}
-        return totals | {name: rows for name, rows in suspect.items() if rows is not None}
+        return stored_totals(self._named)
 
     def resume(self, totals: Mapping[str, Floats], break_s: float) -> None:
         """Continue from totals of an earlier run, after a break; raises InputError for totals that do not fit."""
         self._count_batch()
         for name, meter in self._named.items():
-            if name in totals:
-                resume_meter(meter, totals[name], name)
-            if (suspect := totals.get(f"{name}{SUSPECT}")) is not None:
-                meter.resume_suspect(suspect)
+            resume_meter(meter, totals, name)
             meter.skip(break_s)
+        self._follows_loss = True
 
 
-def resume_meter(meter: Meter[Any], totals: Floats, name: str) -> None:
-    """Continue a meter from totals; raises InputError where their shape or values are not a meter's of this name."""
-    if totals.shape != meter.totals().shape:
-        raise InputError(f"{name}: the stored totals have shape {totals.shape}, {meter.totals().shape} is needed")
-    try:
-        meter.resume(totals)
-    except InputError as error:
-        raise InputError(f"{name}: {error}") from None
+def stored_totals(meters: Mapping[str, Meter[Any]]) -> dict[str, Floats]:
+    """The totals since reset by the names of the meters; those of suspect samples, where there are any, beside them."""
+    totals = {name: meter.totals() for name, meter in meters.items()}
+    suspect = {f"{name}{SUSPECT}": meter.suspect_totals() for name, meter in meters.items()}
+    return totals | {name: rows for name, rows in suspect.items() if rows.any()}
+
+
+def resume_meter(meter: Meter[Any], stored: Mapping[str, Floats], name: str) -> None:
+    """Continue a meter from `stored_totals`; raises InputError where shape or values are not a meter's of this name."""
+    for key, resume, own in (
+        (name, meter.resume, meter.totals()),
+        (f"{name}{SUSPECT}", meter.resume_suspect, meter.suspect_totals()),
+    ):
+        if (totals := stored.get(key)) is None:
+            continue
+        if totals.shape != own.shape:
+            raise InputError(f"{key}: the stored totals have shape {totals.shape}, {own.shape} is needed")
+        try:
+            resume(totals)
+        except InputError as error:
+            raise InputError(f"{key}: {error}") from None

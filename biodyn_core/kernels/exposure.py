@@ -270,22 +270,28 @@ def residual(
 
 @compiled
 def flag_suspect(
-    x: Floats, filled: Flags, strong: float, shortest: int, near: int, lasting: int, state: Integers, suspect: Flags
-) -> None:
-    """Flag the `lasting` rows of x (n, c) from a loss on that lies within `near` rows of one with a value above strong.
+    x: Floats, lost: Integers, strong: float, follow: float, shortest: int, near: int, settling: int, longest: int,
+    level: Floats, state: Integers, suspect: Flags,
+) -> None:  # fmt: skip
+    """Flag the rows of x (n, c) that a loss within strong motion may have raised.
 
-    filled (n,): interpolated rows; fewer than `shortest` in a row are no loss. state (4,): interpolated rows in a row,
-    rows since a loss, rows since a strong one, and rows that are still to be flagged.
+    lost (n,): of each interpolated row, the number of rows lost with it; fewer than `shortest` are no loss. Rows are
+    flagged from a loss on that lies within `near` rows of a strong one, `settling` times its length, at most `longest`.
+    A row is strong if a value differs by more than `strong` from its level (c,), which follows as in `dose`.
+
+    state (4,): rows since a loss, its length, rows since a strong one, and rows that are still to be flagged.
     """
     for n in range(x.shape[0]):
-        state[0] = state[0] + 1 if filled[n] else 0
-        is_loss, is_strong = state[0] >= shortest, False
+        state[0] += 1
+        state[2] += 1
+        if lost[n] >= shortest:
+            state[0], state[1] = 0, lost[n]
         for c in range(x.shape[1]):
-            is_strong = is_strong or abs(x[n, c]) > strong
-        state[1] = 0 if is_loss else state[1] + 1
-        state[2] = 0 if is_strong else state[2] + 1
-        if (is_loss and state[2] <= near) or (is_strong and state[1] <= near):
-            state[3] = lasting
+            if abs(x[n, c] - level[c]) > strong:
+                state[2] = 0
+            level[c] += follow * (_clipped_to_gravity(x[n, c]) - level[c])
+        if (state[0] == 0 and state[2] <= near) or (state[2] == 0 and state[0] <= near):
+            state[3] = max(state[3], min(settling * state[1], longest))
         suspect[n] = state[3] > 0
         state[3] = max(state[3] - 1, 0)
 

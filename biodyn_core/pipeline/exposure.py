@@ -20,6 +20,8 @@ from biodyn_core.signals.weighting import WeightingName
 class Exposure:
     """Every figure of one span (since reset, or rolling); figures without a counted sample are absent.
 
+    Rolling figures of a sensor are absent too where all its samples are suspect.
+
     sensors: Wk-weighted, before the low-pass. predicted and measured_low_passed are comparable with each other: a
     prediction counts at once, a measurement when it is compared. compared: by segment, over the same samples of both.
     further: by weighting and sensor. residual: by segment, rms m/s^2 and rms over measured rms in percent. msdv_mps15:
@@ -48,12 +50,13 @@ def exposure_of(
     rolling: bool,
 ) -> Exposure:
     """Read the figures from the sensors' meters and the predictor, whose figures need the seat's."""
-    seat, head = meters.get(SEAT), meters.get(HEAD)
-    side = predictor if seat else None
-    further = {name: one.further(rolling) for name, one in meters.items()}
+    counted = {name: one for name, one in meters.items() if not rolling or one.has_sure_samples(rolling)}
+    seat, head = counted.get(SEAT), counted.get(HEAD)
+    side, sure_side = (predictor if SEAT in known else None for known in (meters, counted))
+    further = {name: one.further(rolling) for name, one in counted.items()}
     return Exposure(
-        sensors={name: one.vertical(rolling) for name, one in meters.items()},
-        predicted=side.predicted(rolling) if side else {},
+        sensors={name: one.vertical(rolling) for name, one in counted.items()},
+        predicted=sure_side.predicted(rolling) if sure_side else {},
         measured_low_passed=side.measured(rolling, tuple(meters)) if side else {},
         dri=seat.dri(rolling) if seat else None,
         hic15=head.hic("hic15", rolling) if head else None,
@@ -62,6 +65,6 @@ def exposure_of(
         further={weighting: {name: doses[weighting] for name, doses in further.items()} for weighting in weightings},
         residual=side.residual(rolling) if side else {},
         compared=side.comparison.compared_doses(rolling) if side else {},
-        joint_forces=side.joint_forces(rolling) if side else {},
-        spreads=side.spreads(rolling) if side else {},
+        joint_forces=sure_side.joint_forces(rolling) if sure_side else {},
+        spreads=sure_side.spreads(rolling) if sure_side else {},
     )

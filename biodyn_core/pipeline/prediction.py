@@ -15,8 +15,8 @@ from biodyn_core.body.model import MOTION_COLUMNS, WARM_UP_S, Chain, Stepper, pa
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.exposure.joint_forces import JointForce, JointForceMeter
 from biodyn_core.exposure.meters import Dose, DoseMeter, Meter
-from biodyn_core.exposure.sensor_meters import Batch, resume_meter
-from biodyn_core.exposure.suspect import SuspectSamples
+from biodyn_core.exposure.sensor_meters import Batch, resume_meter, stored_totals
+from biodyn_core.exposure.suspect import SuspectSamples, constant_parts
 from biodyn_core.pipeline.comparison import Comparison
 from biodyn_core.pipeline.intervals import IntervalEstimator, PredictionSpread, SegmentSpread
 
@@ -38,10 +38,10 @@ class SeatPredictor:
     """Predict the segments from the seat, count the predictions, and feed the comparison.
 
     The chain begins from rest after each gap and each divergence. Until it has settled (`WARM_UP_S`), its predictions
-    are returned, but neither counted nor compared; nor are those of suspect samples (`suspect`), because the chain
-    follows the straight line over a loss too. begins_at_rest: whether the first run does. divergences: samples at
-    which the model left its range; unpredicted: samples since reset that are not counted. intervals: None without a
-    spread of the predictions.
+    are returned, but neither counted nor compared. Those of suspect samples are in no figure either (`suspect`),
+    because the chain follows the straight line over a loss too. begins_at_rest: whether the first run does.
+    divergences: samples at which the model left its range; unpredicted: samples since reset that are not counted.
+    intervals: None without a spread of the predictions.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class SeatPredictor:
         spread: PredictionSpread | None = None,
         begins_at_rest: bool = True,
     ) -> None:
-        self.stepper = Stepper(chain, rate_hz)
+        self._rate_hz, self.stepper = rate_hz, Stepper(chain, rate_hz)
         self.divergences = 0
         self.unpredicted = 0
         self.seat_peak_mps2 = 0.0
@@ -65,7 +65,7 @@ class SeatPredictor:
         self._accel_batch, self._force_batch = Batch(), Batch()
         self._warm_up = round(WARM_UP_S * rate_hz)
         self._unsettled = 0
-        self._suspects = SuspectSamples(rate_hz)
+        self._suspects, self._waits_suspect = SuspectSamples(rate_hz), False
         self._at_rest = begins_at_rest
 
     def push(self, block: Block) -> tuple[Floats, Floats]:
@@ -75,14 +75,12 @@ class SeatPredictor:
         before = self.divergences
         accel, motion = self._predict(block.low_passed_mps2)
         self.seat_peak_mps2 = max(self.seat_peak_mps2, _peak(block.low_passed_mps2))
-        suspect = self._suspects.flags(block.levelled_mps2, block.filled_flags)
-        if self._unsettled > 0 or self.divergences > before or suspect.any():
-            counted, counted_motion = self._settled(accel, motion, suspect)
-        else:
-            counted, counted_motion = accel, motion
-        self._count(counted, counted_motion)
+        settles = self._unsettled > 0 or self.divergences > before
+        counted, counted_motion = self._settled(accel, motion) if settles else (accel, motion)
+        suspect = self._suspects.flags(block.levelled_mps2, block.losses)
+        self._count(counted, counted_motion, suspect)
         if self.intervals:
-            self.intervals.push(block, counted)
+            self.intervals.push(block, np.where(suspect[:, None], np.nan, counted) if suspect.any() else counted)
         self.comparison.seat(block, counted)
         return accel, motion
 
@@ -96,8 +94,8 @@ class SeatPredictor:
         for meter in self._of_predictions:
             meter.skip(gap_s)
 
-    def _settled(self, accel: Floats, motion: Floats, suspect: Flags) -> tuple[Floats, Floats]:
-        """The predictions with NaN where suspect (n,), and until the chain has settled after a begin from rest."""
+    def _settled(self, accel: Floats, motion: Floats) -> tuple[Floats, Floats]:
+        """The predictions with NaN until the chain has settled after its last begin from rest."""
         diverged = np.isnan(accel[:, 0])
         left = np.where(diverged, self._warm_up + 1, 0)
         left[0] = max(left[0], self._unsettled)
@@ -105,7 +103,7 @@ class SeatPredictor:
         at = np.arange(left.size)
         left = np.maximum.accumulate(left + at) - at
         self._unsettled = max(0, int(left[-1]) - 1)
-        unsettled = (left > 0) | suspect
+        unsettled = left > 0
         self.unpredicted += int(unsettled.sum())
         accel, motion = accel.copy(), motion.copy()
         accel[unsettled], motion[unsettled] = np.nan, np.nan
@@ -129,19 +127,24 @@ class SeatPredictor:
             accel[part], motion[part] = self._predict(seat_mps2[part])
         return accel, motion
 
-    def _count(self, accel: Floats, motion: Floats) -> None:
+    def _count(self, accel: Floats, motion: Floats, suspect: Flags) -> None:
         """Count predictions once there are enough of them."""
-        if (rows := self._accel_batch.add(accel)) is not None:
-            self.doses.push(rows)
-        if self.forces and (rows := self._force_batch.add(parts_of_motion(motion)[2])) is not None:
-            self.forces.push(rows)
+        force = parts_of_motion(motion)[2]
+        for begin, end in constant_parts(suspect):
+            if suspect[begin] != self._waits_suspect:
+                self._count_all()
+                self._waits_suspect = bool(suspect[begin])
+            self._push(self._accel_batch.add(accel[begin:end]), self._force_batch.add(force[begin:end]))
 
     def _count_all(self) -> None:
         """Count all predictions that still wait."""
-        if (rows := self._accel_batch.take()) is not None:
-            self.doses.push(rows)
-        if self.forces and (rows := self._force_batch.take()) is not None:
-            self.forces.push(rows)
+        self._push(self._accel_batch.take(), self._force_batch.take())
+
+    def _push(self, accel: Floats | None, force: Floats | None) -> None:
+        if accel is not None:
+            self.doses.push(accel, self._waits_suspect)
+        if self.forces and force is not None:
+            self.forces.push(force, self._waits_suspect)
 
     def reset(self) -> None:
         """Set everything "since reset" to zero."""
@@ -158,6 +161,11 @@ class SeatPredictor:
         """Doses of the predictions by segment."""
         self._count_all()
         return dict(zip(SEGMENTS, self.doses.rolling() if rolling else self.doses.since_reset(), strict=True))
+
+    def suspect_s(self, rolling: bool = False) -> float:
+        """Seconds of suspect samples, which count in no predicted figure except their time."""
+        self._count_all()
+        return float(self.doses.suspect_samples(rolling)[0]) / self._rate_hz
 
     def joint_forces(self, rolling: bool) -> dict[str, JointForce]:
         """Forces of the joints by the segment above; empty under `cascade`, and before the first prediction."""
@@ -192,15 +200,13 @@ class SeatPredictor:
         """Totals since reset: by meter, and the predictor's own."""
         self._count_all()
         own = {PEAK: self.seat_peak_mps2, UNPREDICTED: float(self.unpredicted)}
-        meters = {name: meter.totals() for name, meter in self._meters.items()}
-        return meters | {name: np.array([[value]]) for name, value in own.items()}
+        return stored_totals(self._meters) | {name: np.array([[value]]) for name, value in own.items()}
 
     def resume(self, totals: Mapping[str, Floats], break_s: float) -> None:
         """Continue from totals of an earlier run, after a break; raises InputError for totals that do not fit."""
         self._count_all()
         for name, meter in self._meters.items():
-            if name in totals:
-                resume_meter(meter, totals[name], name)
+            resume_meter(meter, totals, name)
             meter.skip(break_s)
         own = {name: float(totals[name].max(initial=0.0)) for name in (PEAK, UNPREDICTED) if name in totals}
         self.seat_peak_mps2 = max(self.seat_peak_mps2, own.get(PEAK, 0.0))

@@ -12,6 +12,7 @@ from biodyn_core.base.wording import counted, decimal_places, number
 if TYPE_CHECKING:
     from biodyn_core.body.origin import Origin
     from biodyn_core.exposure.injury import Dri
+    from biodyn_core.exposure.losses import Losses
 
 _GROUPS: Final = {
     "natural_frequency_hz": "natural frequency",
@@ -74,9 +75,15 @@ MAX_EXTRA_DECIMALS: Final = 3
 """An interval has at most so many decimal places more than a number has."""
 
 
-def after_losses(seconds: float) -> str:
-    """A clause about the suspect seconds of a sensor."""
-    return f"{seconds:.3f} s after losses within strong motion are left out, because the losses may raise figures"
+def losses_text(losses: Losses) -> str:
+    """What the figures of a sensor lack: missing seconds, clipped samples, seconds left out; empty without losses."""
+    missing, suspect = (f"{seconds:.3f} s" for seconds in (losses.missing_s, losses.suspect_s))
+    parts = [
+        f"{missing} missing" if losses.missing_s > 0.0 else "",
+        f"{counted(losses.clipped, 'sample')} clipped" if losses.clipped else "",
+        f"{suspect} left out after losses within strong motion" if losses.suspect_s > 0.0 else "",
+    ]
+    return ", ".join(part for part in parts if part)
 
 
 def unchanging(flat: int, dead: int) -> list[str]:

@@ -15,7 +15,7 @@ from biodyn_core.base.quantiles import NORMAL_95
 from biodyn_core.base.segments import HEAD, N_SEGMENTS, N_SENSORS, SEAT, SEGMENTS, SENSORS
 from biodyn_core.body.origin import origin_of
 from biodyn_core.exposure.limit_assessment import SeatExposure
-from biodyn_core.exposure.limits import LimitSet, Measure
+from biodyn_core.exposure.limits import KINDS, LimitSet, Measure
 from biodyn_core.exposure.losses import Losses
 from biodyn_core.pipeline.exposure import Exposure
 from biodyn_core.pipeline.frames import Frames, joined
@@ -31,7 +31,7 @@ from biodyn_ros.reports.exposure_json import dri_document
 from biodyn_ros.reports.exposure_report import ChannelExposure
 from biodyn_ros.reports.intervals import figure_interval, force_intervals
 from biodyn_ros.reports.meter import meter_readings
-from biodyn_ros.reports.verdict import KINDS, left, seat_verdict
+from biodyn_ros.reports.verdict import left, seat_verdict
 
 LEAST_SEAT_MPS2: Final = 0.05
 """Below this weighted acceleration of the seat a transmissibility would be that of the sensors' noise."""
@@ -73,7 +73,7 @@ class SnapshotBuilder:
         since, seat_losses = pipeline.exposure(), pipeline.losses(SEAT)
         channel = ChannelExposure(since.sensors[SEAT], seat_losses) if SEAT in since.sensors else None
         fault, rolling_losses = seat_fault(by_name), {name: pipeline.counter.rolling_losses(name) for name in SENSORS}
-        bounds = {name for name, losses in rolling_losses.items() if losses.mean_lower_bound}
+        bounds = {name for name, losses in rolling_losses.items() if losses.with_suspect().mean_lower_bound}
         force_bound = rolling_losses[SEAT].lower_bound or run.unpredicted_s > 0.0
         extrapolated = run.is_extrapolating and seat is not None
         return {
@@ -155,6 +155,7 @@ def _seat(seat: SeatExposure, limits: LimitSet, losses: Losses, fault: str) -> d
         "lower_bound": seat.lower_bound,
         "counted_s": seat.seconds,
         "missing_s": losses.missing_s,
+        "suspect_s": seat.suspect_s,
         "left": {kind: left(kind, seat) for kind in KINDS},
     }  # fmt: skip
 
@@ -225,7 +226,7 @@ def _lowered(shock: Shock, pipeline: Pipeline) -> set[str]:
     counter = pipeline.counter
     is_before = counter.reset_ns is not None and shock.begin_ns < counter.reset_ns
     found = {name: counter.lost_before_reset[name] if is_before else pipeline.losses(name) for name in SENSORS}
-    return {name for name, losses in found.items() if losses.mean_lower_bound}
+    return {name for name, losses in found.items() if losses.with_suspect().mean_lower_bound}
 
 
 def _shock(shock: Shock, lower_bounds: Container[str]) -> dict[str, Any]:

@@ -120,7 +120,7 @@ function bounds(of) {
   explain($("band"), why || "≥ means at least.");
   explain($("meter"), why || "≥ means at least.");
   const part = of.no_interval === null ? " The interval of a lower bound is that of the counted part." : "";
-  explain($("body"), `≥ means at least: samples clipped or stuck (of F also missing) since reset.${part}`);
+  explain($("body"), `≥ means at least: samples clipped or stuck (of F also missing, or left out after a loss) since reset.${part}`);
   explain($("ride"), "≥ means at least: samples missing, clipped or stuck since reset.");
 }
 

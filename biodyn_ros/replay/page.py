@@ -18,7 +18,7 @@ from biodyn_ros.reports.frequency import powers, residual_channels, transmissibi
 from biodyn_ros.reports.meter import AxisReading, axis_reading, meter_readings
 from biodyn_ros.reports.motion import envelopes, overlay
 from biodyn_ros.reports.pages import check_reports, render
-from biodyn_ros.reports.verdict import ZONE, seat_verdict
+from biodyn_ros.reports.verdict import seat_verdict, zone_text
 from biodyn_ros.validate.settings import LEAST_COHERENCE
 
 
@@ -37,7 +37,7 @@ def replay_page(report: ExposureReport, traces: Traces) -> str:
         seat_losses=channel.losses if channel else None,
         verdict=seat_verdict(seat, channel.losses if channel else None),
         meter=meter_readings(seat, channel),
-        zones=ZONE,
+        zone_text=zone_text,
         made_by_model=MADE_BY_MODEL,
         version=__version__,
         flagged=seat is not None and any(ratio.exceeded for ratio in seat.shock_ratios),

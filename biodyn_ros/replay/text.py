@@ -5,7 +5,7 @@ from __future__ import annotations
 from biodyn_core.exposure.injury import Hic
 from biodyn_core.exposure.joint_forces import JOINT_NAMES
 from biodyn_core.exposure.limit_assessment import SeatExposure
-from biodyn_core.exposure.limits import LimitSet
+from biodyn_core.exposure.limits import KINDS, LimitSet
 from biodyn_ros.base.wording import (
     FORCES_NOT_MEASURED,
     LIFTS_OFF,
@@ -24,7 +24,7 @@ from biodyn_ros.base.wording import (
 from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.reports.exposure_report import ChannelExposure, ExposureReport, MisfitTime
 from biodyn_ros.reports.intervals import Interval
-from biodyn_ros.reports.verdict import HORIZONTAL, KINDS, ZONE, shocks, time_left
+from biodyn_ros.reports.verdict import HORIZONTAL, shocks, time_left, zone_text
 
 
 def summary(report: ExposureReport) -> str:
@@ -71,14 +71,14 @@ def _seat_lines(seat: SeatExposure, limits: LimitSet) -> list[str]:
     vdv_limits = _pair(limits.action_vdv_mps175, limits.limit_vdv_mps175)
     vdv = f"{bound(seat.vdv_so_far_mps175, seat.lower_bound)} m/s^1.75 of {vdv_limits}"
     return [
-        f"SEAT: {ZONE[seat.zone].upper()}",
+        f"SEAT: {zone_text(seat).upper()}",
         sentence(seat.zone_reason),
         f"seat A(8) so far {a8}, VDV so far {vdv} ({limits.source})",
         *_projected(seat),
         *(time_left(kind, seat) for kind in KINDS),
         f"Governed by {seat.governing}, axis {seat.axis}. {HORIZONTAL[seat.horizontal]}",
         shocks(seat),
-        *(f"also {each.source}: {ZONE[each.zone].lower()}" for each in seat.additional),
+        *(f"also {each.source}: {zone_text(each).lower()}" for each in seat.additional),
     ]
 
 
@@ -91,7 +91,10 @@ def _projected(seat: SeatExposure) -> list[str]:
         return []
     a8 = bound(seat.a8_projected_8h_mps2, seat.projected_lower_bound)
     vdv = bound(seat.vdv_projected_8h_mps175, seat.projected_lower_bound)
-    return [f"projected to 8 h from {duration(seat.projected_from_s)} counted: A(8) {a8} m/s^2, VDV {vdv} m/s^1.75"]
+    raised = ", which losses within strong motion may have raised" if seat.suspect_s > 0.0 else ""
+    return [
+        f"projected to 8 h from {duration(seat.projected_from_s)} counted: A(8) {a8} m/s^2, VDV {vdv} m/s^1.75{raised}"
+    ]
 
 
 def _injury_lines(report: ExposureReport) -> list[str]:

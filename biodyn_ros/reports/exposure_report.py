@@ -27,7 +27,6 @@ from biodyn_ros.base.wording import (
     INTERVAL_OF_MISFIT,
     MODEL,
     REJECTED,
-    after_losses,
     compared_without,
     left_range,
     rejected,
@@ -145,12 +144,12 @@ class ExposureReport:
 
     @property
     def is_dri_lower_bound(self) -> bool:
-        """Whether samples of the seat are missing or clipped."""
+        """Whether samples of the seat are missing, clipped or suspect."""
         return SEAT in self.sensors and self.sensors[SEAT].losses.lower_bound
 
     @property
     def is_hic_lower_bound(self) -> bool:
-        """Whether samples of the head are missing or clipped, or an axis is dead: HIC is of the resultant."""
+        """Whether samples of the head are missing, clipped or suspect, or an axis is dead: HIC is of the resultant."""
         if HEAD not in self.sensors:
             return False
         losses = self.sensors[HEAD].losses
@@ -162,6 +161,8 @@ def exposure_report(pipeline: Pipeline, bag: str = "", project: bool = False) ->
     since, run = pipeline.exposure(), pipeline.run_status()
     lost = {name: pipeline.losses(name) for name in SENSORS}
     unpredicted = _with_absent(lost[SEAT], run.unpredicted_s)  # predictions use the seat alone and have its losses
+    if pipeline.predictor:
+        unpredicted = unpredicted._replace(suspect_s=pipeline.predictor.suspect_s())
     low_passed = since.measured_low_passed
     compared = {name: _lost_compared(name, low_passed, lost) for name in low_passed}
     return ExposureReport(
@@ -223,7 +224,7 @@ def sensor_warnings(pipeline: Pipeline, sensors: Iterable[str]) -> list[str]:
         if lost.missing_s > 0.0:
             lines.append(f"{name}: {lost.missing_s:.3f} s missing: doses and peaks are lower bounds")
         if lost.suspect_s > 0.0:
-            lines.append(f"{name}: {after_losses(lost.suspect_s)}")
+            lines.append(f"{name}: {lost.suspect_s:.3f} s after losses within strong motion left out: lower bounds")
     return [*lines, *_model_warnings(pipeline)]
 
 
@@ -235,8 +236,8 @@ def _model_warnings(pipeline: Pipeline) -> Iterator[str]:
         yield f"{MODEL}: {left_range(run.divergences)}"
     if run.unpredicted_s > 0.0:
         yield (
-            f"{MODEL}: {run.unpredicted_s:.2f} s of predictions are not counted, in which it settles from rest"
-            " or after a loss: measured figures may contain this time"
+            f"{MODEL}: {run.unpredicted_s:.2f} s of predictions are not counted, in which it settles from rest:"
+            " measured figures contain this time"
         )
 
 
@@ -263,7 +264,7 @@ def _with_absent(lost: Losses, seconds: float) -> Losses:
 def _lost_compared(name: str, doses: Mapping[str, Dose], lost: Mapping[str, Losses]) -> Losses:
     """Losses of a low-passed sensor: with those of the seat, and instants without a sample. It has suspect samples."""
     if name == SEAT:
-        return lost[SEAT]._replace(suspect_s=0.0)
+        return lost[SEAT].with_suspect()
     alone_s = doses[SEAT].seconds - doses[name].seconds if SEAT in doses else 0.0
     seat_s = lost[SEAT].missing_s + (alone_s if alone_s > EDGE_S else 0.0)
-    return _with_absent(lost[name], max(0.0, seat_s - lost[name].missing_s))._replace(suspect_s=0.0)
+    return _with_absent(lost[name], max(0.0, seat_s - lost[name].missing_s)).with_suspect()

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from biodyn_core.base.wording import counted
 from biodyn_core.exposure.limit_assessment import SeatExposure
 from biodyn_core.exposure.losses import Losses
+from biodyn_ros.base.wording import losses_text
 from biodyn_ros.reports.exposure_report import ChannelExposure
 from biodyn_ros.reports.verdict import HORIZONTAL
 
@@ -69,6 +69,5 @@ def axis_reading(axis: str, seat: SeatExposure, losses: Losses) -> AxisReading:
 
 def _bounds(seat: SeatExposure, losses: Losses) -> str:
     if losses.lower_bound:
-        and_clipped = f", {counted(losses.clipped, 'sample')} clipped" if losses.clipped else ""
-        return f"≥ means at least: {losses.missing_s:.3f} s are missing{and_clipped}."
+        return f"≥ means at least: {losses_text(losses)}."
     return "≥ means at least: a horizontal axis has no data." if seat.lower_bound else ""

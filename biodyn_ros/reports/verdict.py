@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Final
 
-from biodyn_core.base.wording import counted, number
-from biodyn_core.exposure.limit_assessment import SeatExposure
-from biodyn_core.exposure.limits import Kind
+from biodyn_core.base.wording import number
+from biodyn_core.exposure.limit_assessment import LimitAssessment, SeatExposure
+from biodyn_core.exposure.limits import KINDS, Kind
 from biodyn_core.exposure.losses import Losses
-from biodyn_ros.base.wording import after_losses, duration, sentence, words
+from biodyn_ros.base.wording import duration, losses_text, sentence, words
 
 ZONE: Final = {
     "below_action_value": "Below the action values so far",
@@ -22,8 +22,6 @@ HORIZONTAL: Final = {
     "worst_direction": "No yaw given: the largest value over all horizontal directions is used for both axes.",
     "missing": "Vertical only: horizontal data are missing.",
 }
-KINDS: Final[tuple[Kind, Kind]] = ("action", "limit")
-
 _RATIO: Final = {"crest_factor": "crest factor", "mtvv_over_aw": "MTVV/aw", "vdv_over_aw_t": "VDV/(aw T^1/4)"}
 _TONE: Final = {"below_action_value": "good", "above_action_value": "warn", "above_limit_value": "bad"}
 """All other zones have no colour."""
@@ -46,18 +44,24 @@ def seat_verdict(seat: SeatExposure | None, losses: Losses | None, doubt: str = 
     doubts = (sentence(doubt),) if doubt else ()
     if seat is None:
         return Verdict("none", "Undecided: nothing counted at the seat", doubts)
-    tone, headline = _TONE.get(seat.zone, "none"), ZONE[seat.zone]
+    tone, headline = _TONE.get(seat.zone, "none"), zone_text(seat)
+    if seat.may_be_reached and tone == "none":
+        tone = "warn"
     reasons = [sentence(seat.zone_reason), HORIZONTAL[seat.horizontal]]
     if losses and losses.lower_bound:
-        lost = f"{losses.missing_s:.3f} s missing and {counted(losses.clipped, 'sample')} clipped at the seat"
-        reasons.append(f"Values are lower bounds: {lost}.")
-        if losses.suspect_s > 0.0:
-            reasons.append(sentence(after_losses(losses.suspect_s)))
+        reasons.append(f"Values are lower bounds: at the seat {losses_text(losses)}.")
     if doubt:
         seat = replace(seat, withheld=doubt)  # no time left is given
         if tone == "good":
             tone, headline, reasons = "none", ZONE["undecided"], reasons[1:]
     return Verdict(tone, headline, (*doubts, *reasons, *(time_left(kind, seat) for kind in KINDS)))
+
+
+def zone_text(assessed: LimitAssessment) -> str:
+    """The zone, and the value that may be reached while it is undecided."""
+    if assessed.zone == "undecided" and assessed.may_be_reached:
+        return f"Undecided: the {assessed.may_be_reached} value may be reached"
+    return ZONE[assessed.zone]
 
 
 def left(kind: Kind, seat: SeatExposure) -> str:
@@ -69,6 +73,8 @@ def left(kind: Kind, seat: SeatExposure) -> str:
     seconds = _seconds_left(kind, seat)
     if seconds is None:
         return "never reached at this rate"
+    if seat.suspect_s > 0.0:  # which may have raised the exposure, and missing samples lower it
+        return f"about {duration(seconds)} left"
     return f"at most {duration(seconds, at_most=True)} left" if seat.lower_bound else f"{duration(seconds)} left"
 
 
