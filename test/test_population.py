@@ -491,6 +491,21 @@ def test_the_text_names_what_lies_outside_and_what_is_not_judged(capsys: pytest.
     assert "not judged: seat-to-head transmissibility" in out and "The spread between people is assumed" in out
 
 
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [
+        (("--time", "log"), "--time"),
+        (("--cutoff-hz", "80", "--case", "rail"), "--case, --cutoff-hz"),
+        (("--map", "seat=/imu"), "--map"),
+    ],
+)
+def test_options_of_a_bag_are_refused_without_one(
+    given: tuple[str, ...], named: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, err = run(capsys, "validate", "--people", "--subject", "subject_1", *given)
+    assert (code, err) == (2, f"biodyn validate: --people compares without a bag: omit {named}\n")
+
+
 @pytest.mark.parametrize("given", [("bag.mcap", "--people"), ()])
 def test_either_a_bag_or_the_groups(given: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
     code, _, err = run(capsys, "validate", *given, "--subject", "subject_1")

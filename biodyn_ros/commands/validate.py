@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from biodyn_core.base.errors import InputError
 from biodyn_ros.base.progress import Progress
@@ -54,6 +54,20 @@ def _run(options: argparse.Namespace) -> None:
     (_people if options.people else _events)(options)
 
 
+_OF_PEOPLE: Final = {"command", "bag", "people", "subject", "as_printed", "no_report", "output", "json"}
+_OF_EVENTS: Final = {"map": [], "time": "header", "vertical": "", "case": None, "seat_force": "inertia"}
+"""Options of a bag that are there without being given, with their defaults; settings are there only if given."""
+
+
+def _check_people(options: argparse.Namespace) -> None:
+    """Raise InputError for options of a bag."""
+    given = {name: value for name, value in vars(options).items() if name not in _OF_PEOPLE}
+    without = [name for name, value in given.items() if name not in _OF_EVENTS or value != _OF_EVENTS[name]]
+    if without:
+        names = ", ".join(f"--{name.replace('_', '-')}" for name in without)
+        raise InputError(f"--people compares without a bag: omit {names}")
+
+
 def _people(options: argparse.Namespace) -> None:
     from biodyn_core.body.subject import load_subject
     from biodyn_core.population.beside import beside_people
@@ -62,6 +76,7 @@ def _people(options: argparse.Namespace) -> None:
     from biodyn_ros.validate.people_document import people_document
     from biodyn_ros.validate.people_text import text_of
 
+    _check_people(options)
     subject = load_subject(subject_file(options.subject))
     if options.output:
         check_directory(Path(options.output))

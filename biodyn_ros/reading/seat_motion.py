@@ -7,6 +7,7 @@ The vertical is found from gravity in the record, and gravity is removed; withou
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -38,7 +39,16 @@ from biodyn_ros.reading.seat_checks import (
 )
 from biodyn_ros.reading.stamps import choose_times
 
-TIME_NAMES: Final = ("t", "t_s", "time", "time_s", "timestamp_s", "seconds")
+TIME_UNITS_S: Final = {
+    **dict.fromkeys(("t", "t_s", "time", "time_s", "timestamp_s", "seconds"), 1.0),
+    **{
+        f"{name}_{unit}": seconds
+        for name in ("t", "time", "timestamp")
+        for unit, seconds in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
+    },
+}
+"""The unit of a time column in seconds, by its name."""
+
 ACCEL_NAMES: Final = tuple(
     f"{of}{axis}"
     for of in ("a_", "acc_", "accel_", "acceleration_", "linear_acceleration_")
@@ -125,15 +135,15 @@ def _from_csv(path: Path, rate_hz: float | None, warn: OnWarning) -> tuple[Float
     if rate_hz is not None and not 0.0 < rate_hz < np.inf:
         raise InputError(f"--seat-rate {rate_hz:g}: expected a positive number of Hz")
     names, table = _read_table(path)
-    time_column = next((i for i, name in enumerate(names) if name in TIME_NAMES), None)
+    time_column = next((i for i, name in enumerate(names) if name in TIME_UNITS_S), None)
     if time_column is None and rate_hz is None:
-        near = _near(names, TIME_NAMES)
+        near = _near(names, tuple(TIME_UNITS_S))
         raise InputError(f"{path}: no time column among {', '.join(names)}: give --seat-rate{near}")
     if time_column is not None and rate_hz is not None:
         raise InputError(f"{path}: has the time column {names[time_column]}: omit --seat-rate")
     time_s = np.arange(len(table)) / (rate_hz or 1.0)
     if time_column is not None:
-        time_s = table[:, time_column] - table[0, time_column]
+        time_s = (table[:, time_column] - table[0, time_column]) * TIME_UNITS_S[names[time_column]]
     columns, signs = _accel_columns(path, names)
     accel = table[:, columns] * signs
     check_size(str(path), time_s, accel, ConditioningSettings.saturation_mps2)
@@ -156,21 +166,25 @@ def _read_table(path: Path) -> tuple[list[str], Floats]:
     delimiter = next((mark for mark in ",;\t" if mark in lines[0]), None)
     split = (lambda line: next(csv.reader([line], delimiter=delimiter))) if delimiter else str.split
     names = [name.strip().lower() for name in split(lines[0])]
-    try:
-        numbers, rows = [], []
-        for number, line in enumerate(lines[1:], start=2):
-            if line.strip():
-                numbers.append(number)
-                rows.append([float(cell) for cell in split(line)])
-        table = np.array(rows, dtype=np.float64)
-    except ValueError as error:
-        raise InputError(f"{path}: rows of {len(names)} numbers are needed ({error})") from None
-    if table.ndim != 2 or table.shape[1] != len(names):
-        raise InputError(f"{path}: rows of {len(names)} numbers are needed, as many as the header has names")
-    bad = np.flatnonzero(~np.isfinite(table).all(axis=1))
-    if bad.size:
-        raise InputError(f"{path}: line {numbers[bad[0]]} holds a value that is not finite")
-    return names, table
+    rows = [_row(f"{path}: line {n}", split(line), names) for n, line in enumerate(lines[1:], start=2) if line.strip()]
+    if not rows:
+        raise InputError(f"{path}: rows of {len(names)} numbers are needed, there is none")
+    return names, np.array(rows)
+
+
+def _row(where: str, cells: list[str], names: list[str]) -> list[float]:
+    """The numbers of one row; raises InputError with the line and the column."""
+    if len(cells) != len(names):
+        raise InputError(f"{where}: has {counted(len(cells), 'value')}, the header has {counted(len(names), 'name')}")
+    row = []
+    for name, cell in zip(names, cells, strict=True):
+        try:
+            row.append(float(cell))
+        except ValueError:
+            raise InputError(f"{where}: {name} is {cell.strip()[:40]!r}, a number is needed") from None
+        if not math.isfinite(row[-1]):
+            raise InputError(f"{where}: {name} is {cell.strip()}, a finite number is needed")
+    return row
 
 
 def _accel_columns(path: Path, names: list[str]) -> tuple[list[int], Floats]:
