@@ -560,3 +560,14 @@ def test_a_shock_ratio_is_known_where_both_exposures_agree():
     calm, jolting = upward(0.2, 0.3, HOUR), upward(0.2, 6.0, HOUR, mtvv=3.0, peak=12.0)
     assert exceeded(calm, calm) == [False] * 3 and exceeded(jolting, jolting) == [True] * 3
     assert exceeded(calm, jolting) == [None] * 3 == exceeded(jolting, calm)
+
+
+def test_every_doubt_is_named():
+    lost = NO_LOSSES._replace(suspect_s=2.0, filled_s=0.04, clipped=3)
+    quality = dataclasses.replace(COMPLETE, losses=lost)
+    for sure, zone in ((7.0, "undecided"), (10.0, "above_action_value")):
+        seat = seat_exposure(
+            upward(0.2, sure, HOUR), Plane(), 0.0, EU_LIMITS, quality, with_suspect=upward(0.2, 22.0, HOUR)
+        )
+        assert seat.zone == zone
+        assert "may have raised; and 3 samples are clipped at the seat" in seat.zone_reason

@@ -30,6 +30,7 @@ from std_msgs.msg import Float64, String
 from biodyn_core.base.errors import InputError
 from biodyn_ros.bag import BagWriter, open_bag
 from biodyn_ros.bag.cdr import IMU_TYPE, decode_imu, encode_imu
+from biodyn_ros.bag.storage import latched_depth
 from biodyn_ros.play.outputs import is_output
 from biodyn_ros.play.playback import Lap, played_on
 from biodyn_ros.play.player import SETTLING_S, Player
@@ -321,7 +322,7 @@ def test_a_latched_topic_reaches_late_subscribers(
     graph: Graph, tmp_path: Path, storage: str, durability: str, late: list[str]
 ) -> None:
     path, profiles = tmp_path / "bag", LATCHED.format(durability)
-    message = serialize_message(String(data="<robot/>"))
+    messages = [serialize_message(String(data=text)) for text in ("<old/>", "<robot/>")]
     if storage == "mcap":
         path = tmp_path / "bag.mcap"
         with path.open("wb") as stream:
@@ -329,7 +330,8 @@ def test_a_latched_topic_reaches_late_subscribers(
             writer.start(profile="ros2")
             schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
             channel = writer.register_channel("/description", "cdr", schema, {"offered_qos_profiles": profiles})
-            writer.add_message(channel, START_NS, message, START_NS)
+            for message in messages:
+                writer.add_message(channel, START_NS, message, START_NS)
             writer.finish()
     else:
         path.mkdir()
@@ -339,12 +341,13 @@ def test_a_latched_topic_reaches_late_subscribers(
             database.execute(
                 "INSERT INTO topics VALUES(1, '/description', 'std_msgs/msg/String', 'cdr', ?)", (profiles,)
             )
-            database.execute("INSERT INTO messages VALUES(1, 1, ?, ?)", (START_NS, message))
+            for number, message in enumerate(messages):
+                database.execute("INSERT INTO messages VALUES(?, 1, ?, ?)", (number + 1, START_NS, message))
             database.commit()
         path = path / "bag_0.db3"
     player = graph.add(Player(path, PlayerSettings(wait_s=0.0), context=graph.context))
-    assert player.play().messages == {"/description": 1}
-    qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    assert player.play().messages == {"/description": 2}
+    qos = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     got: list[String] = []
     subscriber = graph.node("late")
     subscriber.create_subscription(String, "/description", got.append, qos)
@@ -354,6 +357,23 @@ def test_a_latched_topic_reaches_late_subscribers(
     publisher.publish(String(data="latched"))
     graph.wait(lambda: bool(control) and (not late or bool(got)), "latched messages")
     assert [one.data for one in got] == late
+
+
+@pytest.mark.parametrize(
+    ("profiles", "depth"),
+    [
+        (LATCHED.format("1"), 1),
+        (LATCHED.format("transient_local") + LATCHED.format("2") + LATCHED.format("1"), 2),
+        (LATCHED.format("1").replace("depth: 1", "depth: 0"), 10),
+        (LATCHED.format("1").replace("depth: 1", "depth: 100000"), 100),
+        (LATCHED.format("volatile"), 0),
+        (LATCHED.format("11"), 0),
+        ("", 0),
+        (None, 0),
+    ],
+)
+def test_as_many_messages_are_latched_as_the_recorded_publishers_kept(profiles: object, depth: int) -> None:
+    assert latched_depth(profiles) == depth
 
 
 def test_a_recorded_clock_is_played_unless_the_player_publishes_one(graph: Graph, whole_bag: Path) -> None:

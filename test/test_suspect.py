@@ -32,6 +32,8 @@ from biodyn_core.pipeline.continued_exposure import ContinuedExposure
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_core.signals.weighting import weighting_sections
+from biodyn_ros.reports.exposure_json import exposure_document
+from biodyn_ros.reports.exposure_report import exposure_report
 
 WINDOW_S = 60.0
 G = naive.GRAVITY
@@ -64,16 +66,18 @@ def flagged(rows: np.ndarray, lost: np.ndarray, follows_loss: bool) -> np.ndarra
     follow = 1.0 - math.exp(-1.0 / (LEVEL_S * RATE_HZ))
     levels = signal.lfilter([follow], [1.0, follow - 1.0], rows.clip(-G_STANDARD, G_STANDARD), axis=0)
     strong = np.flatnonzero((np.abs(rows - np.vstack([np.zeros(3), levels[:-1]])) > STRONG_MPS2).any(axis=1))
-    losses = [(n, int(lost[n])) for n in np.flatnonzero(lost >= shortest)] + [(0, longest)] * follows_loss
+    losses = [(0, longest)] * follows_loss
+    for n in np.flatnonzero(lost >= shortest):  # the longest of losses close to each other
+        before = losses[-1] if losses and n - losses[-1][0] <= near + 1 else (0, 0)
+        losses.append((int(n), max(int(lost[n]), before[1])))
     suspect = np.zeros(len(rows), dtype=bool)
     for n, length in losses:
-        settles = min(SETTLING * length, longest)
         if ((strong <= n) & (strong >= n - near)).any() and lost[n]:
-            suspect[n : n + settles] = True
+            suspect[n : n + min(SETTLING * length, longest)] = True
     for n in strong:
         before = [(at, length) for at, length in losses if n - near <= at <= n]
         if before:
-            suspect[n : n + min(SETTLING * max(before)[1], longest)] = True
+            suspect[n : n + min(SETTLING * before[-1][1], longest)] = True
     return suspect
 
 
@@ -86,7 +90,9 @@ def flagged(rows: np.ndarray, lost: np.ndarray, follows_loss: bool) -> np.ndarra
 def test_flags_are_those_of_the_definition_for_any_cut(seed, follows_loss, cuts):
     rng = np.random.default_rng(seed)
     rows, lost = rng.uniform(-2.8, 2.8, (6000, 3)), np.zeros(6000, dtype=np.int64)
-    for at in rng.integers(0, 6000, rng.integers(0, 4)):
+    places = rng.integers(0, 6000, rng.integers(0, 4))
+    near = (places[:1] + rng.integers(0, 120)).clip(max=5999)  # two of them close to each other
+    for at in np.append(places, near):
         rows[at, rng.integers(3)] = rng.choice([-3.3, 40.0])
         begin = max(int(at) + int(rng.integers(-80, 80)), 0)
         end = begin + int(rng.integers(1, 57))
@@ -112,6 +118,32 @@ def test_blocks_state_the_length_of_each_loss(mode, cuts):
     np.testing.assert_array_equal(lost, expected[first:])
     parts = np.concatenate([block.part(at, at + 1).losses for block in found.blocks for at in range(len(block.time_s))])
     np.testing.assert_array_equal(parts, lost)
+
+
+def test_a_short_loss_does_not_shorten_the_settling_after_a_long_one():
+    samples, rows = SuspectSamples(RATE_HZ), np.zeros((rows_of(4.0), 3))
+    rows[130] = 40.0
+    lost = lost_at(len(rows), 20, 76) + lost_at(len(rows), 90, 93) + lost_at(len(rows), 110, 114)
+    assert samples.flags(rows, lost).sum() == SETTLING * 56
+    after_gap = SuspectSamples(RATE_HZ)
+    after_gap.begin_run(follows_loss=True)
+    assert after_gap.flags(rows, lost_at(len(rows), 40, 44) + lost_at(len(rows), 110, 114)).sum() < rows_of(1.0)
+    after_gap.begin_run(follows_loss=True)
+    assert after_gap.flags(rows[100:], lost_at(len(rows) - 100, 5, 9)).sum() == rows_of(LONGEST_SETTLING_S)
+
+
+def test_a_record_that_begins_in_a_shock_has_no_dose_of_its_restart():
+    time = np.arange(rows_of(8.0)) / RATE_HZ
+    swing = 8.0 * np.exp(-time / 0.5) * np.cos(2.0 * np.pi * 1.5 * time)
+    begun, complete = (
+        np.tile(swing[:, None], (1, 3)),
+        signal.sosfilt(weighting_sections("Wk", RATE_HZ), np.append(np.zeros(10), swing)),
+    )
+    meters = SensorMeters("seat", RATE_HZ, WINDOW_S, begins_in_motion=True)
+    meters.push(block_of(begun, begins_run=True))
+    meters.finish()
+    assert meters.suspect_s() == pytest.approx(LONGEST_SETTLING_S, abs=0.1)
+    assert meters.vertical().peak_mps2 < 0.1 * np.abs(complete).max()
 
 
 def test_a_tilt_or_a_bend_is_no_strong_motion():
@@ -354,6 +386,17 @@ def test_the_losses_name_the_suspect_seconds_until_a_reset():
     assert pipeline.losses("seat").suspect_s == pytest.approx(LOST_S, abs=0.06)
     pipeline.reset()
     assert pipeline.losses("seat").suspect_s == 0.0 and not pipeline.losses("seat").lower_bound
+
+
+def test_measured_and_predicted_doses_leave_out_the_same_samples():
+    pipeline = ridden(PEAK_LOST)
+    measured, predicted = pipeline.exposure().measured_low_passed["seat"], pipeline.exposure().predicted["pelvis"]
+    true = ridden(None).exposure().measured_low_passed["seat"]
+    assert measured.vdv_mps175 < true.vdv_mps175 and measured.aw_mps2 < true.aw_mps2
+    assert measured.seconds == pytest.approx(predicted.seconds, abs=0.05)
+    document = exposure_document(exposure_report(pipeline))
+    found = document["measured_low_passed"]["seat"]
+    assert found["lower_bound"] and found["suspect_s"] == pytest.approx(LOST_S, abs=0.06)
 
 
 def test_rolling_figures_of_suspect_samples_alone_are_absent():

@@ -301,6 +301,7 @@ def _assess(limits: LimitSet, sure: _Counted, whole: _Counted) -> LimitAssessmen
     action, limit = (_used(limits, whole, kind) for kind in KINDS)
     sure_action, sure_limit = (_used(limits, sure, kind) for kind in KINDS)
     suspect = _doubt(limits, sure, whole)
+    doubt = "; and ".join(reason for reason in (suspect, whole.uncertainty) if reason)
     governing, axes = limit.measure if limit.share >= 1.0 else action.measure, whole.axis
     zone: Zone = "undecided"
     if sure_limit.share >= 1.0:
@@ -309,9 +310,9 @@ def _assess(limits: LimitSet, sure: _Counted, whole: _Counted) -> LimitAssessmen
     elif sure_action.share >= 1.0:
         governing, axes = sure_action.measure, sure.axis
         zone, reason = "above_action_value", _reached(limits, sure, "action", governing)
-        if doubt := suspect or whole.uncertainty:
+        if doubt:
             reason += f"; whether the limit value is reached too is undecided, because {doubt}"
-    elif doubt := suspect or whole.uncertainty:
+    elif doubt:
         reason = f"the counted exposure reaches no value of {limits.source}, but {doubt}"
     elif action.share * whole.elapsed_s / whole.counted_s < 1.0:
         zone, reason = "below_action_value", _below(limits, whole)

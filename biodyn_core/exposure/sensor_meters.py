@@ -76,7 +76,7 @@ class SensorMeters:
         self.has_level = not begins_in_motion
         self._batch = Batch(BATCH if self.has_level else math.ceil(FIRST_LEVEL_S * rate_hz))
         self._losses: list[Integers] = []
-        self._suspects, self._follows_loss = SuspectSamples(rate_hz), False
+        self._suspects, self._follows_loss = SuspectSamples(rate_hz), begins_in_motion
         self._vertical = DoseMeter("Wk", rate_hz, 1, window_s)
         self._further = {name: DoseMeter(name, rate_hz, 1, window_s) for name in weightings}
         self._plane = HorizontalMeter(rate_hz, window_s, first_axis_rad) if sensor == SEAT else None
@@ -126,6 +126,7 @@ class SensorMeters:
         """Start the weightings from the level of the first rows."""
         first = rows[: self._batch.least]
         self.has_level, self._batch.least = True, BATCH
+        self._suspects.begin_level(first)
         for meter in self._upward:
             if isinstance(meter, DoseMeter):
                 meter.begin(first[:, 2:])

@@ -16,6 +16,7 @@ import numpy as np
 
 from biodyn_core import kernels
 from biodyn_core.base.arrays import Flags, Floats, Integers
+from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 
 STRONG_MPS2: Final = 3.0
 """Motion that differs by more from its slow level, on any axis, is strong.
@@ -55,8 +56,12 @@ class SuspectSamples:
         self._state = np.array([_NEVER, 0, _NEVER, 0])
 
     def begin_run(self, follows_loss: bool) -> None:
-        """Begin a run, in which weightings restart, in the middle of motion if it follows a loss."""
+        """Begin a run; weightings restart, in the middle of motion where it follows a loss or begins a record there."""
         self._state[:] = (-1, self._longest, _NEVER, 0) if follows_loss else (_NEVER, 0, _NEVER, 0)
+
+    def begin_level(self, accel_mps2: Floats) -> None:
+        """Begin with the mean of the first readings (n, 3) as level, where a record begins in motion."""
+        self._level[:] = np.clip(accel_mps2, -STANDARD_GRAVITY_MPS2, STANDARD_GRAVITY_MPS2).mean(axis=0)
 
     def flags(self, accel_mps2: Floats, lost: Integers) -> Flags:
         """The flags (n,) of suspect rows of levelled acceleration (n, 3); lost (n,) as of `Block`."""

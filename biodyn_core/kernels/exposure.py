@@ -285,7 +285,8 @@ def flag_suspect(
         state[0] += 1
         state[2] += 1
         if lost[n] >= shortest:
-            state[0], state[1] = 0, lost[n]
+            state[1] = max(lost[n], state[1] if state[0] <= near else 0)  # the longest of losses close to each other
+            state[0] = 0
         for c in range(x.shape[1]):
             if abs(x[n, c] - level[c]) > strong:
                 state[2] = 0

@@ -14,11 +14,12 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from biodyn_core import kernels
-from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, N_SENSORS, SEGMENTS
 from biodyn_core.conditioning.alignment import Aligner
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.exposure.meters import Dose, DoseMeter, Meter, Tally
+from biodyn_core.exposure.suspect import constant_parts
 from biodyn_core.pipeline.frames import NO_MEASURED, MeasuredFrames
 
 
@@ -83,7 +84,7 @@ _NO_BREAK: Final = np.full(1, np.nan)
 class _Instants(NamedTuple):
     """Instants of the seat that wait for the other sensors: stamps, time, seat (n,), and all predictions (n, 6).
 
-    break_s (n,): length of the break before an instant that begins a run, NaN elsewhere.
+    break_s (n,): length of the break before an instant that begins a run, NaN elsewhere. suspect (n,): see `suspect`.
     """
 
     stamps_ns: Integers
@@ -91,15 +92,16 @@ class _Instants(NamedTuple):
     seat_mps2: Floats
     predicted_mps2: Floats
     break_s: Floats
+    suspect: Flags
 
     @classmethod
-    def of(cls, block: Block, predicted_mps2: Floats) -> _Instants:
+    def of(cls, block: Block, predicted_mps2: Floats, suspect: Flags) -> _Instants:
         """The instants of a block of the seat."""
         break_s = _NO_BREAK
         if block.begins_run or block.stamps_ns.size > 1:
             break_s = np.full(block.stamps_ns.size, np.nan)
             break_s[0] = block.gap_s if block.begins_run else np.nan
-        return cls(block.stamps_ns, block.time_s, block.low_passed_mps2, predicted_mps2, break_s)
+        return cls(block.stamps_ns, block.time_s, block.low_passed_mps2, predicted_mps2, break_s, suspect)
 
     @classmethod
     def join(cls, parts: list[_Instants]) -> _Instants:
@@ -109,12 +111,16 @@ class _Instants(NamedTuple):
     def after(self, at: int) -> _Instants:
         """The instants from `at` on."""
         return _Instants(
-            self.stamps_ns[at:], self.time_s[at:], self.seat_mps2[at:], self.predicted_mps2[at:], self.break_s[at:]
-        )
+            self.stamps_ns[at:], self.time_s[at:], self.seat_mps2[at:], self.predicted_mps2[at:], self.break_s[at:],
+            self.suspect[at:],
+        )  # fmt: skip
 
 
 class Comparison:
-    """Add samples by `seat` and `sensor`; `release` returns every instant that is complete or given up."""
+    """Add samples by `seat` and `sensor`; `release` returns every instant that is complete or given up.
+
+    Doses do not contain the instants at which the seat is suspect, as those of the predictions; the residual does.
+    """
 
     def __init__(self, seat_rate_hz: float, wait_s: float, window_s: float) -> None:
         self._wait_s = wait_s
@@ -127,14 +133,14 @@ class Comparison:
         self.doses = DoseMeter("Wk", seat_rate_hz, N_SENSORS, window_s)
         self.compared = DoseMeter("Wk", seat_rate_hz, _COMPARED + N_SEGMENTS + 1, window_s)
 
-    def seat(self, block: Block, predicted_mps2: Floats) -> None:
-        """Add the seat's instants with their predictions (n, 6); give up the instants that were overdue before."""
+    def seat(self, block: Block, predicted_mps2: Floats, suspect: Flags) -> None:
+        """Add the seat's instants, their predictions (n, 6) and suspect flags (n,); give up those overdue before."""
         self._epoch_ns = block.epoch_ns
         if self._pending and block.time_s[0] <= self._pending[-1].time_s[-1]:  # stamps that had leapt ahead return
             self._given_up.append(self._released(give_up_s=math.inf))
         elif self.overdue:
             self._given_up.append(self._released(give_up_s=float(self._pending[-1].time_s[-1]) - self._wait_s))
-        self._pending.append(_Instants.of(block, predicted_mps2))
+        self._pending.append(_Instants.of(block, predicted_mps2, suspect))
 
     def sensor(self, name: str, blocks: list[Block]) -> None:
         """Add another sensor's samples."""
@@ -175,24 +181,26 @@ class Comparison:
         measured = np.ascontiguousarray(accel[:, 1:])
         predicted = np.ascontiguousarray(grid.predicted_mps2[:ready, MEASURED_SEGMENT_INDEX])
         columns = _compared_columns(grid.seat_mps2[:ready], grid.predicted_mps2[:ready], measured)
-        self._count(grid.break_s[:ready], accel, columns, predicted, measured)
+        self._count(grid.suspect[:ready], grid.break_s[:ready], accel, columns, predicted, measured)
         return MeasuredFrames(grid.stamps_ns[:ready], accel, predicted - measured)
 
     def compared_doses(self, rolling: bool) -> dict[str, Compared]:
         """Doses by segment since reset, or over the last `window_s`, of the instants answered and predicted."""
         return _by_segment(self.compared.rolling() if rolling else self.compared.since_reset())
 
-    def _count(self, *instants: Floats) -> None:
+    def _count(self, suspect: Flags, *instants: Floats) -> None:
         """Count the answered instants; those that were waiting at the last reset count in rolling figures alone."""
         waiting = self._before_reset
         if waiting > 0:
-            self._count_runs(*(values[:waiting] for values in instants))
-            self._before_reset -= min(waiting, instants[0].size)
+            self._count_runs(suspect[:waiting], *(values[:waiting] for values in instants))
+            self._before_reset -= min(waiting, suspect.size)
             self._reset_meters()
-        if waiting < instants[0].size:
-            self._count_runs(*(values[waiting:] for values in instants))
+        if waiting < suspect.size:
+            self._count_runs(suspect[waiting:], *(values[waiting:] for values in instants))
 
-    def _count_runs(self, break_s: Floats, accel: Floats, columns: Floats, predicted: Floats, measured: Floats) -> None:
+    def _count_runs(
+        self, suspect: Flags, break_s: Floats, accel: Floats, columns: Floats, predicted: Floats, measured: Floats
+    ) -> None:
         """Count run by run of the seat: nothing integrates across a break."""
         begins = np.flatnonzero(~np.isnan(break_s)).tolist()
         for begin, end in pairwise([*([] if begins[:1] == [0] else [0]), *begins, break_s.size]):
@@ -200,9 +208,11 @@ class Comparison:
                 self.doses.skip(float(break_s[begin]))
                 self.residual.skip(float(break_s[begin]))
                 self.compared.skip(float(break_s[begin]))
-            self.doses.push(accel[begin:end])
             self.residual.push(predicted[begin:end], measured[begin:end])
-            self.compared.push(columns[begin:end])
+            for first, stop in constant_parts(suspect[begin:end]):
+                part, is_suspect = slice(begin + first, begin + stop), bool(suspect[begin + first])
+                self.doses.push(accel[part], is_suspect)
+                self.compared.push(columns[part], is_suspect)
 
     def look_ahead(self) -> int:
         """Samples needed beyond an instant by the longest interpolator of all sensors."""

@@ -80,8 +80,8 @@ class SeatPredictor:
         suspect = self._suspects.flags(block.levelled_mps2, block.losses)
         self._count(counted, counted_motion, suspect)
         if self.intervals:
-            self.intervals.push(block, np.where(suspect[:, None], np.nan, counted) if suspect.any() else counted)
-        self.comparison.seat(block, counted)
+            self.intervals.push(block, counted)
+        self.comparison.seat(block, counted, suspect)
         return accel, motion
 
     def _begin_run(self, gap_s: float) -> None:

@@ -80,7 +80,9 @@ class BagReader:
         counts: dict[TopicKey, int] = {}
         for topic in (topic for part in storages for topic in part.topics):
             counts[topic.name, topic.type] = counts.get((topic.name, topic.type), 0) + topic.messages
-        latched = {(topic.name, topic.type) for part in storages for topic in part.topics if topic.latched}
+        latched: dict[TopicKey, int] = {}
+        for topic in (topic for part in storages for topic in part.topics):
+            latched[topic.name, topic.type] = max(topic.latched, latched.get((topic.name, topic.type), 0))
         self.topics = topic_infos(counts, latched)
         self.message_count = sum(counts.values())
         self.start_ns = min((part.start_ns for part in storages if part.start_ns is not None), default=None)

@@ -30,7 +30,7 @@ from biodyn_ros.bag.storage import (
     LogTimes,
     TopicKey,
     grouped,
-    is_latched,
+    latched_depth,
     refuse_foreign,
     require,
     topic_infos,
@@ -134,7 +134,7 @@ class McapStorage:
         counts: Counter[TopicKey] = Counter({self._key(c): 0 for c in self._channels})
         for channel in self._channels:
             counts[self._key(channel)] += self._counts[channel]
-        latched = {self._key(i) for i, c in self._channels.items() if is_latched(c.metadata.get(OFFERED_QOS))}
+        latched = {self._key(i): latched_depth(c.metadata.get(OFFERED_QOS)) for i, c in self._channels.items()}
         self.topics = topic_infos(counts, latched)
         self.start_ns = min((piece.start_ns for piece in self._pieces), default=None)
         self.end_ns = max((piece.end_ns for piece in self._pieces), default=None)

@@ -23,7 +23,7 @@ from biodyn_ros.bag.storage import (
     LogTimes,
     TopicKey,
     grouped,
-    is_latched,
+    latched_depth,
     refuse_foreign,
     topic_infos,
 )
@@ -119,7 +119,7 @@ class SqliteStorage:
         # The first versions of rosbag2 did not record QoS.
         has_qos = OFFERED_QOS in columns
         profiles = self._db.execute("SELECT id, offered_qos_profiles FROM topics") if has_qos else ()
-        self._latched = {self._keys[i] for i, text in profiles if i in self._keys and is_latched(text)}
+        self._latched = {self._keys[i]: latched_depth(text) for i, text in profiles if i in self._keys}
 
     def _count(self, messages: Mapping[int, int]) -> None:
         counts = dict.fromkeys(self._keys.values(), 0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -26,6 +26,14 @@ TopicKey = tuple[str, str]
 OFFERED_QOS: Final = "offered_qos_profiles"
 """The name under which rosbag2 records the QoS of a topic's publishers."""
 
+UNSTATED_DEPTH: Final = 10
+"""The depth of a publisher that states none: the default of ROS 2."""
+
+MAX_LATCHED: Final = 100
+"""No publisher of the player keeps more messages, because they stay in memory."""
+
+_PROFILE: Final = re.compile(r"^- ", re.MULTILINE)
+_DEPTH: Final = re.compile(r"\bdepth:\s*(\d{1,6})\b")
 _TRANSIENT_LOCAL: Final = re.compile(r"\bdurability:\s*(?:1|transient_local)\b")
 """Up to Humble the policy is a number."""
 
@@ -34,13 +42,13 @@ _TRANSIENT_LOCAL: Final = re.compile(r"\bdurability:\s*(?:1|transient_local)\b")
 class TopicInfo:
     """One topic of a bag: name, message type (sensor_msgs/msg/Imu) and number of messages.
 
-    latched: whether a recorded publisher kept its messages for late subscribers (transient local durability).
+    latched: how many messages the recorded publishers kept for late subscribers (transient local durability), mostly 0.
     """
 
     name: str
     type: str
     messages: int
-    latched: bool = False
+    latched: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,14 +114,17 @@ class Storage(Protocol):
         """Close the file."""
 
 
-def is_latched(offered_qos_profiles: object) -> bool:
-    """Whether a publisher of a topic was transient local, by the profiles that rosbag2 records, as YAML text."""
-    return isinstance(offered_qos_profiles, str) and _TRANSIENT_LOCAL.search(offered_qos_profiles) is not None
+def latched_depth(offered_qos_profiles: object) -> int:
+    """The sum of the depths of a topic's transient local publishers, from the profiles that rosbag2 records as YAML."""
+    profiles = _PROFILE.split(offered_qos_profiles) if isinstance(offered_qos_profiles, str) else []
+    latched = [profile for profile in profiles if _TRANSIENT_LOCAL.search(profile)]
+    depths = [int(found[1]) if (found := _DEPTH.search(profile)) else 0 for profile in latched]
+    return min(sum(depth or UNSTATED_DEPTH for depth in depths), MAX_LATCHED)
 
 
-def topic_infos(messages: Mapping[TopicKey, int], latched: Collection[TopicKey]) -> tuple[TopicInfo, ...]:
-    """The topics of a bag from their numbers of messages and the latched ones."""
-    return tuple(TopicInfo(*key, n, key in latched) for key, n in messages.items())
+def topic_infos(messages: Mapping[TopicKey, int], latched: Mapping[TopicKey, int]) -> tuple[TopicInfo, ...]:
+    """The topics of a bag from their numbers of messages, and those that they latched."""
+    return tuple(TopicInfo(*key, n, latched.get(key, 0)) for key, n in messages.items())
 
 
 def require(module: str) -> ModuleType:

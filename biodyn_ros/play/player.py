@@ -68,7 +68,7 @@ class Player(Node):
         with open_bag(bag) as reader:
             self._warn(*reader.warnings)
             types = self._choose_topics(reader, mapping or {})
-            self._latched = {topic.name for topic in reader.topics if topic.latched}
+            self._latched = {topic.name: topic.latched for topic in reader.topics if topic.latched}
             self._by_log = self._choose_by_log(reader, types, time)
         self._outputs = self._create_outputs(types)
         if not self._outputs:
@@ -180,10 +180,11 @@ class Player(Node):
         return outputs
 
     def _qos(self, topic: str) -> QoSProfile:
+        """As recorded where it was latched: a late subscriber gets what that publisher kept, and no more."""
         latched = topic in self._latched
         return QoSProfile(
             history=HistoryPolicy.KEEP_LAST,
-            depth=self.settings.depth,
+            depth=self._latched.get(topic, self.settings.depth),
             reliability=ReliabilityPolicy.RELIABLE,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )

@@ -165,8 +165,12 @@ def _read_table(path: Path) -> tuple[list[str], Floats]:
         raise InputError(f"{path}: a header line and rows of numbers are needed")
     delimiter = next((mark for mark in ",;\t" if mark in lines[0]), None)
     split = (lambda line: next(csv.reader([line], delimiter=delimiter))) if delimiter else str.split
-    names = [name.strip().lower() for name in split(lines[0])]
-    rows = [_row(f"{path}: line {n}", split(line), names) for n, line in enumerate(lines[1:], start=2) if line.strip()]
+    names = [name.strip().lower() or f"column {number}" for number, name in enumerate(split(lines[0]), start=1)]
+    try:
+        cells = {n: split(line) for n, line in enumerate(lines[1:], start=2) if line.strip()}
+    except csv.Error as error:
+        raise InputError(f"{path}: not a table ({error})") from None
+    rows = [_row(f"{path}: line {n}", row, names) for n, row in cells.items()]
     if not rows:
         raise InputError(f"{path}: rows of {len(names)} numbers are needed, there is none")
     return names, np.array(rows)

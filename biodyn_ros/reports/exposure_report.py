@@ -262,9 +262,10 @@ def _with_absent(lost: Losses, seconds: float) -> Losses:
 
 
 def _lost_compared(name: str, doses: Mapping[str, Dose], lost: Mapping[str, Losses]) -> Losses:
-    """Losses of a low-passed sensor: with those of the seat, and instants without a sample. It has suspect samples."""
+    """Losses of a low-passed sensor: with those of the seat, and instants without a sample."""
     if name == SEAT:
-        return lost[SEAT].with_suspect()
+        return lost[SEAT]
     alone_s = doses[SEAT].seconds - doses[name].seconds if SEAT in doses else 0.0
     seat_s = lost[SEAT].missing_s + (alone_s if alone_s > EDGE_S else 0.0)
-    return _with_absent(lost[name], max(0.0, seat_s - lost[name].missing_s)).with_suspect()
+    found = _with_absent(lost[name], max(0.0, seat_s - lost[name].missing_s))
+    return found._replace(suspect_s=lost[SEAT].suspect_s)  # the seat's are left out of every sensor

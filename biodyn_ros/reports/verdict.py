@@ -104,7 +104,8 @@ def shocks(seat: SeatExposure) -> str:
         return f"Shocks: additional evaluation required ({where}): {', '.join(firing)}."
     unknown = [_RATIO[ratio.name] for ratio in seat.shock_ratios if ratio.exceeded is None]
     if seat.lower_bound or unknown:
-        why = f"{' and '.join(unknown)} not measured" if unknown else "the seat's values are lower bounds"
+        cause = "uncertain by the seconds left out" if seat.suspect_s > 0.0 else "not measured"
+        why = f"{' and '.join(unknown)} {cause}" if unknown else "the seat's values are lower bounds"
         return f"Shocks: undecided whether additional evaluation is required ({where}): {why}."
     known = ", ".join(f"{_RATIO[ratio.name]} {number(ratio.value)}" for ratio in seat.shock_ratios)
     return f"Shocks: no additional evaluation required ({where}): {known}."
