@@ -384,6 +384,18 @@ def test_quantised_and_bursty_stamps_have_the_spread_of_even_ones(uneven: Callab
         assert spread.force.of_rms == pytest.approx(expected[name].force.of_rms, rel=0.02)
 
 
+def test_losses_within_strong_motion_take_no_interval_away() -> None:
+    streams = noisy_streams(seconds=8.0)
+    kept = np.arange(len(streams[0].stamps_ns)) % 1350 >= 10  # 9 ms lost every 1.2 s
+    seat = dataclasses.replace(streams[0], stamps_ns=streams[0].stamps_ns[kept], accel_mps2=streams[0].accel_mps2[kept])
+    assert seat.sensor == "seat"
+    expected, found = (run(s, in_turn(s), pipeline=Pipeline(SUBJECT)) for s in (streams, (seat, *streams[1:])))
+    assert found.pipeline.predictor.suspect_s() > 0.3
+    for name, spread in found.exposure.spreads.items():
+        assert spread.accel.of_means == pytest.approx(expected.exposure.spreads[name].accel.of_means, rel=0.1)
+    assert set(found.exposure.spreads) == set(SEGMENTS)
+
+
 def test_without_a_positive_covariance_predictions_go_on_without_an_interval() -> None:
     given = dict(SUBJECT.provenance)
     given["covariance"] = {"names": list(given["covariance"]["names"]), "ln_theta": (-np.eye(14)).tolist()}
