@@ -336,9 +336,12 @@ def it_tells_the_age_of_late_data(browser: Browser, address: str) -> None:
         browser.until("snapshot && !document.body.classList.contains('stale')")
         sent = browser.page.evaluate("JSON.stringify(snapshot).length") * SNAPSHOT_RATE_HZ
         connection.rate_bytes_per_s = 0.5 * sent
-        browser.until("/^Data are \\d+ s old$/.test($('headline').innerText)", 30.0)
-        assert browser.page.evaluate("document.body.dataset.tone") == "none"
-        assert "connection to the page is too slow" in browser.text("#reason")
+        # In one look: on a busy machine data also fail to arrive at all for a while.
+        browser.until(
+            "/^Data are \\d+ s old$/.test($('headline').innerText) && document.body.dataset.tone == 'none'"
+            " && $('reason').innerText.includes('connection to the page is too slow')",
+            30.0,
+        )
         connection.rate_bytes_per_s = math.inf
         browser.until("!document.body.classList.contains('stale')", 30.0)
     browser.page.goto(address)
