@@ -1,7 +1,7 @@
 """Suspect samples: those whose weighted value a loss within strong motion may have raised.
 
 A short loss is joined by a straight line, which weightings take for motion; after a longer one they restart. Within a
-shock both can add a dose that was not there: with 45 ms lost from the peak of a half-sine of 4 g and 20 ms, VDV is 9.8
+shock both can add a dose that was not there: with 45 ms lost from the peak of a half-sine of 4 g and 20 ms, VDV is 9.5
 instead of 7.0 m/s^1.75. In weaker motion they add about what this motion itself has in the same time.
 """
 

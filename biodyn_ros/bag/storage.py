@@ -42,7 +42,7 @@ _TRANSIENT_LOCAL: Final = re.compile(r"\bdurability:\s*(?:1|transient_local)\b")
 class TopicInfo:
     """One topic of a bag: name, message type (sensor_msgs/msg/Imu) and number of messages.
 
-    latched: how many messages the recorded publishers kept for late subscribers (transient local durability), mostly 0.
+    latched: the number of messages that transient local publishers kept for late subscribers, 0 without one.
     """
 
     name: str

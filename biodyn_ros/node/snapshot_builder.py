@@ -73,7 +73,7 @@ class SnapshotBuilder:
         since, seat_losses = pipeline.exposure(), pipeline.losses(SEAT)
         channel = ChannelExposure(since.sensors[SEAT], seat_losses) if SEAT in since.sensors else None
         fault, rolling_losses = seat_fault(by_name), {name: pipeline.counter.rolling_losses(name) for name in SENSORS}
-        seat_suspect_s = rolling_losses[SEAT].suspect_s  # what is left out of every row
+        seat_suspect_s = rolling_losses[SEAT].suspect_s  # left out of the figures of every segment
         rows_lost = {name: losses._replace(suspect_s=seat_suspect_s) for name, losses in rolling_losses.items()}
         bounds = {name for name, losses in rows_lost.items() if losses.mean_lower_bound}
         force_bound = rolling_losses[SEAT].lower_bound or run.unpredicted_s > 0.0
