@@ -64,7 +64,7 @@ class SuspectSamples:
         self._level[:] = np.clip(accel_mps2, -STANDARD_GRAVITY_MPS2, STANDARD_GRAVITY_MPS2).mean(axis=0)
 
     def flags(self, accel_mps2: Floats, lost: Integers) -> Flags:
-        """The flags (n,) of suspect rows of levelled acceleration (n, 3); lost (n,) as of `Block`."""
+        """The flags (n,) of suspect rows of levelled acceleration (n, up to 3 axes); lost (n,) as of `Block`."""
         suspect = np.empty(len(accel_mps2), dtype=bool)
         kernels.flag_suspect(
             accel_mps2, lost, STRONG_MPS2, self._follow, self._shortest, self._near, SETTLING, self._longest,

@@ -73,11 +73,18 @@ class Recording:
     """The name of the whole record, of which gaps of the seat may leave several recordings."""
     cutoff_hz: float = ConditioningSettings().cutoff_hz
     """Of the seat's low-pass."""
+    seat_lost: Integers | None = None
+    """(n,) of the seat, as `Block.lost`."""
 
     @property
     def begin(self) -> int:
         """The first sample after the warm-up."""
         return round(WARM_UP_S * self.rate_hz)
+
+    @property
+    def seat_losses(self) -> Integers:
+        """`seat_lost` (n,), zeros without any."""
+        return np.zeros(self.seat_mps2.shape, dtype=np.int64) if self.seat_lost is None else self.seat_lost
 
     def named_channels(self) -> dict[str, Floats]:
         """Every channel by its name, such as `seat.x` or `head.bend_rate_y`, (n,) each, 0 where masked."""
@@ -198,6 +205,7 @@ class Recorder:
             headings=headings_rad(channels, rate_hz),
             record=self.name,
             cutoff_hz=block.cutoff_hz,
+            seat_lost=block.lost,
         )
 
     def _channels(self, tracks: Sequence[Floats], rate_hz: float) -> Channels:

@@ -9,80 +9,25 @@ model transmits 2.6 times too much to the head.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from biodyn_core.base.arrays import Floats
-from biodyn_core.base.errors import InputError
-from biodyn_core.base.segments import HEAD, MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEAT, SEGMENTS
-from biodyn_core.body.model import Chain, Response, SeatForce, predict
+from biodyn_core.base.segments import HEAD, MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEGMENTS
+from biodyn_core.body.model import Chain, SeatForce
 from biodyn_core.body.subject import Subject
-from biodyn_core.effects import apply_to_sensors
-from biodyn_core.exposure.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
-from biodyn_core.exposure.meters import Dose, DoseMeter
-from biodyn_core.pipeline.intervals import (
-    NO_WINDOW,
-    IntervalEstimator,
-    SegmentSpread,
-    prediction_spread,
-    undriven,
-)
-from biodyn_core.recording.recording import REPORTED_S, Recording
+from biodyn_core.recording.recording import Recording
 from biodyn_core.signals.response import CrossSpectra, Peak, common_rate_hz, cross_spectra, peak
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_core.validation.driving_point import DrivingPoint, driving_point, linear_driving_point
+from biodyn_core.validation.exposures import Exposures, exposures
+from biodyn_core.validation.predicted_run import PredictedRun
 
 _HEAD: Final = SEGMENTS.index(HEAD)
 _MEASURED: Final = dict(zip(MEASURED_SEGMENTS, MEASURED_SEGMENT_INDEX.tolist(), strict=True))
-_WINDOW_S: Final = 1.0
-"""Of rolling figures, which are not used here."""
-
-
-@dataclass(frozen=True, eq=False)
-class PredictedRun:
-    """A recording and its prediction; predicted_mps2 (n, 6) is NaN wherever measured_mps2 (n, 6) is masked.
-
-    Both by segment. predicted_mps2 is what sensors with the subject's effects would read, to compare with
-    measured_mps2; moved_mps2 is the motion of the segments itself. The central torso, which has no sensor, is masked in
-    measured_mps2 alone.
-    """
-
-    recording: Recording
-    response: Response
-    measured_mps2: Floats
-    predicted_mps2: Floats
-
-    @classmethod
-    def of(cls, recording: Recording, subject: Subject) -> PredictedRun:
-        """Predict a recording from its seat alone; raises InputError where the model diverges."""
-        channels = recording.named_channels()
-        response = predict(subject, recording.seat_mps2, recording.rate_hz, channels)
-        if not np.isfinite(response.accel_mps2).all():
-            raise InputError(f"{recording.name}: the model of {subject.name} diverges: fit it again")
-        measured = np.full(response.accel_mps2.shape, np.nan)
-        measured[:, MEASURED_SEGMENT_INDEX] = recording.measured_mps2
-        predicted = apply_to_sensors(subject.effects, response.accel_mps2, recording.rate_hz, channels).copy()
-        masked = np.isnan(recording.measured_mps2)
-        predicted[:, MEASURED_SEGMENT_INDEX] = np.where(masked, np.nan, predicted[:, MEASURED_SEGMENT_INDEX])
-        return cls(recording, response, measured, predicted)
-
-    @property
-    def moved_mps2(self) -> Floats:
-        """The predicted motion of the segments, (n, 6), NaN as predicted_mps2."""
-        return np.where(np.isnan(self.predicted_mps2), np.nan, self.response.accel_mps2)
-
-    @property
-    def begin(self) -> int:
-        """The first sample after the warm-up."""
-        return self.recording.begin
-
-    @property
-    def seat_mps2(self) -> Floats:
-        """The model's input, (n,)."""
-        return self.recording.seat_mps2
 
 
 @dataclass(frozen=True)
@@ -123,30 +68,6 @@ class HeadPeaks:
     predicted_anywhere: Peak | None
     linear_anywhere: Peak | None
     ratio: PeakRatio | None
-
-
-@dataclass(frozen=True, eq=False)
-class Exposures:
-    """Doses by segment, DRI, and HIC by the name of its window, after the warm-up; seat and measurement are low-passed.
-
-    seat and dri need no model, so that only the warm-up of the first run is left out of them; all others lack that of
-    every run. predicted and predicted_hic: of the motion of the segments; as_read: of what their sensors would read,
-    comparable with measured. seat_compared: of the seat, where each segment is compared. masked: segments, and the
-    seat, with missing samples, so that their figures are lower bounds. spreads: of the predicted figures, by segment,
-    for their intervals; no_interval: why there are none, empty if there are.
-    """
-
-    seat: Dose
-    seat_compared: Mapping[str, Dose]
-    measured: Mapping[str, Dose]
-    predicted: Mapping[str, Dose]
-    as_read: Mapping[str, Dose]
-    masked: frozenset[str]
-    dri: Dri
-    measured_hic: Mapping[str, Hic]
-    predicted_hic: Mapping[str, Hic]
-    spreads: Mapping[str, SegmentSpread]
-    no_interval: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +142,7 @@ def validate(
         head=_head_peaks(measured, predicted, subject, least_coherence),
         driving_point=force,
         linear_driving_point=exact,
-        exposures=_exposures(runs, rate_hz, subject),
+        exposures=exposures(runs, rate_hz, subject),
     )
 
 
@@ -247,107 +168,6 @@ def _error(predicted: Floats, measured: Floats, rate_hz: float) -> SegmentError 
         measured_rms_mps2=own,
         compared_s=np.count_nonzero(here) / rate_hz,
     )
-
-
-def _exposures(runs: Sequence[PredictedRun], rate_hz: float, subject: Subject) -> Exposures:
-    def channels(run: PredictedRun) -> Floats:
-        compared = np.where(np.isnan(run.measured_mps2), np.nan, run.seat_mps2[:, None])
-        return np.column_stack([compared, run.measured_mps2, run.moved_mps2, run.predicted_mps2])
-
-    def seat(run: PredictedRun) -> Floats:
-        return run.seat_mps2[:, None]
-
-    doses = DoseMeter("Wk", rate_hz, 4 * len(SEGMENTS), _WINDOW_S)
-    of_seat, dri = DoseMeter("Wk", rate_hz, 1, _WINDOW_S), DriMeter(rate_hz, _WINDOW_S)
-    _count(runs, doses, channels)
-    for meter in (of_seat, dri):
-        _count(runs, meter, seat, needs_model=False)
-    found = doses.since_reset()
-    compared, measured, moved, read = (
-        dict(zip(SEGMENTS, found[at : at + len(SEGMENTS)], strict=True)) for at in range(0, len(found), len(SEGMENTS))
-    )
-    spreads, no_interval = _spreads(runs, rate_hz, subject)
-    return Exposures(
-        seat=of_seat.since_reset()[0],
-        seat_compared=compared,
-        measured=measured,
-        predicted=moved,
-        as_read=read,
-        masked=frozenset(_masked(runs)),
-        dri=dri.since_reset(),
-        measured_hic=_hics(runs, rate_hz, lambda run: run.measured_mps2),
-        predicted_hic=_hics(runs, rate_hz, lambda run: run.moved_mps2),
-        spreads=spreads,
-        no_interval=no_interval,
-    )
-
-
-def _spreads(runs: Sequence[PredictedRun], rate_hz: float, subject: Subject) -> tuple[dict[str, SegmentSpread], str]:
-    """Spreads of the predicted figures by segment, of the seconds that are not masked, and why there are none.
-
-    The neighbouring chains are driven by the seat's vertical alone, as in the live node.
-    """
-    if needed := undriven(subject):
-        return {}, needed
-    spread, no_interval = prediction_spread(subject)
-    if spread is None:
-        return {}, no_interval
-    estimator = IntervalEstimator(spread, rate_hz, _WINDOW_S)
-    for run in runs:
-        counted = np.ones(run.response.accel_mps2.shape, dtype=bool)
-        counted[:, MEASURED_SEGMENT_INDEX] = np.isfinite(run.recording.measured_mps2)
-        estimator.push_run(run.recording.stamps_ns, run.seat_mps2, run.response.accel_mps2, run.begin, counted)
-    found = estimator.spreads(rolling=False)
-    return found, "" if found else NO_WINDOW
-
-
-def _masked(runs: Sequence[PredictedRun]) -> Iterator[str]:
-    """Segments with masked samples, and the seat if it has invalid samples or a gap: the model settles after both.
-
-    The end of a run does not count, where low-pass and interpolation lack samples.
-    """
-    if len(runs) > 1 or any(run.recording.seat_invalid_s + run.recording.left_out_s > 0.0 for run in runs):
-        yield SEAT
-    for name, column in _MEASURED.items():
-        for run in runs:
-            missing = np.isnan(run.measured_mps2[run.begin :, column])
-            read = np.flatnonzero(~missing)
-            within = missing[: read[-1]].any() if read.size else True
-            allowed_s = REPORTED_S + run.recording.ends_s.get(name, 0.0)
-            if within or missing.sum() > allowed_s * run.recording.rate_hz:
-                yield name
-                break
-
-
-def _hics(runs: Sequence[PredictedRun], rate_hz: float, side: Callable[[PredictedRun], Floats]) -> dict[str, Hic]:
-    """HIC of the head's vertical alone, by the name of its window."""
-    found = {}
-    for name, length_s in HIC_LENGTHS_S.items():
-        meter = HicMeter(rate_hz, length_s, _WINDOW_S)
-        _count(runs, meter, lambda run: np.pad(side(run)[:, [_HEAD]], ((0, 0), (2, 0))))
-        found[name] = meter.since_reset()
-    return found
-
-
-def _count(
-    runs: Sequence[PredictedRun], meter: Any, rows: Callable[[PredictedRun], Floats], needs_model: bool = True
-) -> None:
-    """Push the runs to a meter without their warm-up; the first run's warm-up only settles its filters.
-
-    The warm-up of a later run belongs to the break before it, so that times after it stay those of the clock. It is
-    pushed if needs_model is False.
-    """
-    for number, run in enumerate(runs):
-        values = np.ascontiguousarray(rows(run))
-        begin = run.begin if needs_model or number == 0 else 0
-        if number == 0:
-            meter.push(values[:begin])
-            meter.forget()
-        else:
-            before, now = runs[number - 1].recording.stamps_ns[-1], run.recording.stamps_ns[begin]
-            # Samples that follow each other have no break between them, but one period.
-            meter.skip(max(0.0, 1e-9 * float(now - before) - 1.0 / run.recording.rate_hz))
-        meter.push(values[begin:])
 
 
 # --- over frequency --------------------------------------------------------------------------------------------------

@@ -77,11 +77,12 @@ def _exposure(report: Report) -> Document:
     seat, dri, seat_bound = _dose(found.seat), found.dri, is_lower_bound(found, SEAT)
     document: Document = {
         "channel": "low_passed",
-        SEAT: seat and seat | {"lower_bound": seat_bound},
+        SEAT: seat and seat | {"suspect_s": found.suspect_s[SEAT], "lower_bound": seat_bound},
         "segments": {
             name: {
                 "measured": _dose(found.measured[name]),
                 "predicted": _predicted(report, name),
+                "suspect_s": found.suspect_s[name],
                 "lower_bound": is_lower_bound(found, name),
             }
             for name in SEGMENTS

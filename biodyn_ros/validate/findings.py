@@ -6,9 +6,10 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
-from biodyn_core.base.segments import HEAD, SEGMENTS
+from biodyn_core.base.segments import HEAD, SEAT, SEGMENTS
 from biodyn_core.identification.settings import CaseSettings
-from biodyn_core.validation.validation import Exposures, HeadPeaks, Validation
+from biodyn_core.validation.exposures import Exposures
+from biodyn_core.validation.validation import HeadPeaks, Validation
 from biodyn_ros.base.wording import number, words
 from biodyn_ros.reading.provenance import Role
 from biodyn_ros.validate.settings import ValidationSettings
@@ -61,10 +62,11 @@ def findings(found: Validation, role: Role | None, limits: ValidationSettings) -
 def _left_out(found: Exposures, limits: ValidationSettings) -> Iterator[Finding]:
     """Segments that are compared, but not in the strongest motion of the seat."""
     for name, compared in found.seat_compared.items():
-        of_all, of_compared = found.seat.vdv_mps175, compared.vdv_mps175
+        of_all, of_compared = found.seat_with_suspect.vdv_mps175, compared.vdv_mps175
         if compared.seconds >= LEAST_COMPARED_S and of_all > limits.dose_ratio * of_compared:
+            up_to = "up to " if found.suspect_s[SEAT] > 0.0 else ""
             text = (
-                f"{words(name)}: not compared in the strongest motion: the VDV of the seat is {number(of_all)}"
+                f"{words(name)}: not compared in the strongest motion: the VDV of the seat is {up_to}{number(of_all)}"
                 f" m/s^1.75, and {number(of_compared)} m/s^1.75 where the {words(name)} is compared"
             )
             yield Finding("undecided", "left_out", name, text + _allowed(limits.dose_ratio))

@@ -13,7 +13,9 @@ from biodyn_core.exposure.meters import Dose
 from biodyn_core.recording.recording import WARM_UP_S
 from biodyn_core.signals.response import Peak
 from biodyn_core.signals.waterfall import Waterfall, WaterfallMeter
-from biodyn_core.validation.validation import Exposures, PredictedRun, Validation
+from biodyn_core.validation.exposures import Exposures
+from biodyn_core.validation.predicted_run import PredictedRun
+from biodyn_core.validation.validation import Validation
 from biodyn_ros import __version__
 from biodyn_ros.base.wording import words
 from biodyn_ros.reading.provenance import MADE_BY_MODEL

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -13,7 +14,9 @@ from biodyn_core.body.origin import origin_of
 from biodyn_core.signals.response import Peak, peak
 from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_core.validation.driving_point import DrivingPoint
-from biodyn_core.validation.validation import Exposures, Validation
+from biodyn_core.validation.exposures import Exposures
+from biodyn_core.validation.validation import Validation
+from biodyn_ros.base.wording import words
 from biodyn_ros.reading.provenance import Role, without_note
 from biodyn_ros.reports.intervals import DoseIntervals, dose_intervals, interval_notes
 from biodyn_ros.validate.findings import Finding, findings, verdict
@@ -48,8 +51,8 @@ class Report:
 
     @property
     def warnings(self) -> list[str]:
-        """Other warnings of the recordings, each once."""
-        return self._notes_and_warnings[1]
+        """Other warnings of the recordings, each once, and the suspect samples."""
+        return [*self._notes_and_warnings[1], *_suspect_warning(self.validation.exposures)]
 
     @property
     def _notes_and_warnings(self) -> tuple[list[str], list[str]]:
@@ -89,6 +92,13 @@ def driving_peaks(point: DrivingPoint, least_coherence: float) -> DrivingPeaks:
     return DrivingPeaks(*(peak(point.frequency_hz, values, coherent) for values in curves))
 
 
+def _suspect_warning(exposures: Exposures) -> Iterator[str]:
+    """Which samples no dose contains, in one line, if there are any."""
+    parts = [f"{words(name)} {seconds:.3f} s" for name, seconds in exposures.suspect_s.items() if seconds > 0.0]
+    if parts:
+        yield f"losses within strong motion: left out of doses, DRI and HIC, lower bounds: {', '.join(parts)}"
+
+
 def is_lower_bound(exposures: Exposures, name: str) -> bool:
-    """Whether samples of a segment, or of the seat that drives it, are missing."""
+    """Whether samples of a segment, or of the seat that drives it, are missing or suspect."""
     return SEAT in exposures.masked or name in exposures.masked

@@ -52,8 +52,9 @@ def _row(name: str, report: Report) -> str:
     if error is None or not measured.seconds:
         return f"{words(name):<15} not measured"
     by_rms, by_range = (f"{number(each)} %" for each in (error.nrmse_rms_percent, error.nrmse_range_percent))
-    aw, aw_model = number(measured.aw_mps2), number(predicted.aw_mps2)  # missing samples make no mean a lower bound
-    lower = is_lower_bound(found.exposures, name)
+    # Missing samples make no mean a lower bound, suspect ones do: their time counts.
+    lower, mean_lower = is_lower_bound(found.exposures, name), found.exposures.suspect_s[name] > 0.0
+    aw, aw_model = (bound(dose.aw_mps2, mean_lower) for dose in (measured, predicted))
     vdv, vdv_model = bound(measured.vdv_mps175, lower), bound(predicted.vdv_mps175, lower)
     row = f"{words(name):<15} {by_rms:>9}  {by_range:>11}  {aw:>18} {aw_model:>9}  {vdv:>22} {vdv_model:>9}"
     interval = report.dose_intervals(name).vdv_interval_mps175

@@ -1,0 +1,220 @@
+"""Exposures: doses and injury criteria of an event, measured and predicted.
+
+All are after the warm-up, with the prediction masked like the measurement. Samples that a loss within strong motion may
+have raised are in no figure except its time (`suspect`), as in the live path. Here only vertical motion counts as
+strong, and a gap of a segment that `bridge_s` lets a straight line cross is no loss.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from biodyn_core.base.arrays import Flags, Floats
+from biodyn_core.base.segments import HEAD, MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, SEAT, SEGMENTS
+from biodyn_core.body.subject import Subject
+from biodyn_core.exposure.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
+from biodyn_core.exposure.meters import Dose, DoseMeter
+from biodyn_core.exposure.suspect import SuspectSamples, constant_parts
+from biodyn_core.pipeline.intervals import (
+    NO_WINDOW,
+    IntervalEstimator,
+    SegmentSpread,
+    prediction_spread,
+    undriven,
+)
+from biodyn_core.recording.flags import stretches
+from biodyn_core.recording.recording import REPORTED_S
+from biodyn_core.validation.predicted_run import PredictedRun
+
+_HEAD: Final = SEGMENTS.index(HEAD)
+_WINDOW_S: Final = 1.0
+"""Of rolling figures, which are not used here."""
+
+_SuspectFlags = Mapping[str, Sequence[Flags]]
+"""By the seat and each segment, the flags (n,) of each run."""
+
+
+@dataclass(frozen=True, eq=False)
+class Exposures:
+    """Doses by segment, DRI, and HIC by the name of its window, after the warm-up; seat and measurement are low-passed.
+
+    seat and dri need no model, so that only the warm-up of the first run is left out of them; all others lack that of
+    every run. seat_with_suspect: with the suspect samples, which all others contain as time alone; suspect_s: their
+    time, of the seat and by segment. predicted and predicted_hic: of the motion of the segments; as_read: of what their
+    sensors would read, comparable with measured. seat_compared: of the seat, where each segment is compared. masked:
+    segments, and the seat, with missing or suspect samples, so that their figures are lower bounds. spreads: of the
+    predicted figures, by segment, for their intervals; no_interval: why there are none, empty if there are.
+    """
+
+    seat: Dose
+    seat_with_suspect: Dose
+    seat_compared: Mapping[str, Dose]
+    measured: Mapping[str, Dose]
+    predicted: Mapping[str, Dose]
+    as_read: Mapping[str, Dose]
+    suspect_s: Mapping[str, float]
+    masked: frozenset[str]
+    dri: Dri
+    measured_hic: Mapping[str, Hic]
+    predicted_hic: Mapping[str, Hic]
+    spreads: Mapping[str, SegmentSpread]
+    no_interval: str
+
+
+def exposures(runs: Sequence[PredictedRun], rate_hz: float, subject: Subject) -> Exposures:
+    """The exposures of the runs of one event."""
+    suspect = _suspect(runs, rate_hz)
+    of_seat, dri = DoseMeter("Wk", rate_hz, 1, _WINDOW_S), DriMeter(rate_hz, _WINDOW_S)
+    for meter in (of_seat, dri):
+        _count(runs, meter, lambda run: run.seat_mps2[:, None], suspect[SEAT], needs_model=False)
+    meters = {name: _segment_meter(runs, rate_hz, i, suspect[name]) for i, name in enumerate(SEGMENTS)}
+    doses = {name: meter.since_reset() for name, meter in meters.items()}
+    suspect_s = {
+        name: float(meter.suspect_samples(rolling=False)[-1]) / rate_hz
+        for name, meter in {SEAT: of_seat, **meters}.items()
+    }
+    spreads, no_interval = _spreads(runs, rate_hz, subject, suspect)
+    return Exposures(
+        seat=of_seat.since_reset()[0],
+        seat_with_suspect=of_seat.with_suspect()[0],
+        seat_compared={name: found[0] for name, found in doses.items()},
+        measured={name: found[1] for name, found in doses.items()},
+        predicted={name: found[2] for name, found in doses.items()},
+        as_read={name: found[3] for name, found in doses.items()},
+        suspect_s=suspect_s,
+        masked=frozenset(_masked(runs)) | {name for name, seconds in suspect_s.items() if seconds > 0.0},
+        dri=dri.since_reset(),
+        measured_hic=_hics(runs, rate_hz, lambda run: run.measured_mps2, suspect[HEAD]),
+        predicted_hic=_hics(runs, rate_hz, lambda run: run.moved_mps2, suspect[HEAD]),
+        spreads=spreads,
+        no_interval=no_interval,
+    )
+
+
+def _segment_meter(runs: Sequence[PredictedRun], rate_hz: float, i: int, suspect: Sequence[Flags]) -> DoseMeter:
+    """The doses of one segment: of the seat where it is compared, measured, predicted, and as its sensor would read."""
+
+    def channels(run: PredictedRun) -> Floats:
+        measured = run.measured_mps2[:, i]
+        compared = np.where(np.isnan(measured), np.nan, run.seat_mps2)
+        return np.column_stack([compared, measured, run.moved_mps2[:, i], run.predicted_mps2[:, i]])
+
+    meter = DoseMeter("Wk", rate_hz, 4, _WINDOW_S)
+    _count(runs, meter, channels, suspect)
+    return meter
+
+
+def _hics(
+    runs: Sequence[PredictedRun], rate_hz: float, side: Callable[[PredictedRun], Floats], suspect: Sequence[Flags]
+) -> dict[str, Hic]:
+    """HIC of the head's vertical alone, by the name of its window."""
+    found = {}
+    for name, length_s in HIC_LENGTHS_S.items():
+        meter = HicMeter(rate_hz, length_s, _WINDOW_S)
+        _count(runs, meter, lambda run: np.pad(side(run)[:, [_HEAD]], ((0, 0), (2, 0))), suspect)
+        found[name] = meter.since_reset()
+    return found
+
+
+def _spreads(
+    runs: Sequence[PredictedRun], rate_hz: float, subject: Subject, suspect: _SuspectFlags
+) -> tuple[dict[str, SegmentSpread], str]:
+    """Spreads of the predicted figures by segment, of the samples in them, and why there are none.
+
+    The neighbouring chains are driven by the seat's vertical alone, as in the live node.
+    """
+    if needed := undriven(subject):
+        return {}, needed
+    spread, no_interval = prediction_spread(subject)
+    if spread is None:
+        return {}, no_interval
+    estimator = IntervalEstimator(spread, rate_hz, _WINDOW_S)
+    for number, run in enumerate(runs):
+        counted = ~np.column_stack([suspect[name][number] for name in SEGMENTS])
+        counted[:, MEASURED_SEGMENT_INDEX] &= np.isfinite(run.recording.measured_mps2)
+        estimator.push_run(run.recording.stamps_ns, run.seat_mps2, run.response.accel_mps2, run.begin, counted)
+    found = estimator.spreads(rolling=False)
+    return found, "" if found else NO_WINDOW
+
+
+def _masked(runs: Sequence[PredictedRun]) -> Iterator[str]:
+    """Segments with masked samples, and the seat if it has invalid samples or a gap: the model settles after both.
+
+    The end of a run does not count, where low-pass and interpolation lack samples.
+    """
+    if len(runs) > 1 or any(run.recording.seat_invalid_s + run.recording.left_out_s > 0.0 for run in runs):
+        yield SEAT
+    for name, column in zip(MEASURED_SEGMENTS, MEASURED_SEGMENT_INDEX.tolist(), strict=True):
+        for run in runs:
+            missing = np.isnan(run.measured_mps2[run.begin :, column])
+            read = np.flatnonzero(~missing)
+            within = missing[: read[-1]].any() if read.size else True
+            allowed_s = REPORTED_S + run.recording.ends_s.get(name, 0.0)
+            if within or missing.sum() > allowed_s * run.recording.rate_hz:
+                yield name
+                break
+
+
+# --- counting --------------------------------------------------------------------------------------------------------
+
+
+def _count(
+    runs: Sequence[PredictedRun],
+    meter: Any,
+    rows: Callable[[PredictedRun], Floats],
+    suspect: Sequence[Flags],
+    needs_model: bool = True,
+) -> None:
+    """Push the runs to a meter without their warm-up; the first run's warm-up only settles its filters.
+
+    The warm-up of a later run belongs to the break before it, so that times after it stay those of the clock. It is
+    pushed if needs_model is False.
+    """
+    for number, run in enumerate(runs):
+        values, flags = np.ascontiguousarray(rows(run)), suspect[number]
+        begin = run.begin if needs_model or number == 0 else 0
+        if number == 0:
+            _push(meter, values[:begin], flags[:begin])
+            meter.forget()
+        else:
+            before, now = runs[number - 1].recording.stamps_ns[-1], run.recording.stamps_ns[begin]
+            # Samples that follow each other have no break between them, but one period.
+            meter.skip(max(0.0, 1e-9 * float(now - before) - 1.0 / run.recording.rate_hz))
+        _push(meter, values[begin:], flags[begin:])
+
+
+def _push(meter: Any, values: Floats, suspect: Flags) -> None:
+    for begin, end in constant_parts(suspect):
+        meter.push(values[begin:end], bool(suspect[begin]))
+
+
+def _suspect(runs: Sequence[PredictedRun], rate_hz: float) -> dict[str, list[Flags]]:
+    """The suspect samples of the seat, and of each segment, which contain those of the seat that drives it."""
+    samples = SuspectSamples(rate_hz)
+    of_seat: list[Flags] = []
+    for run in runs:
+        samples.begin_run(follows_loss=bool(of_seat))
+        of_seat.append(samples.flags(run.seat_mps2[:, None], run.recording.seat_losses))
+    return {SEAT: of_seat} | {
+        name: [own | seat for own, seat in zip(_suspect_of(runs, rate_hz, i), of_seat, strict=True)]
+        for i, name in enumerate(SEGMENTS)
+    }
+
+
+def _suspect_of(runs: Sequence[PredictedRun], rate_hz: float, i: int) -> Iterator[Flags]:
+    """The suspect samples of a segment in each run, after masked ones, where meters restart.
+
+    One of the motions that are counted together may be strong there: seat, measurement or prediction.
+    """
+    samples = SuspectSamples(rate_hz)
+    for run in runs:
+        motion = np.column_stack([run.seat_mps2, np.nan_to_num(run.measured_mps2[:, i]), run.predicted_mps2[:, i]])
+        flags = np.zeros(len(motion), dtype=np.bool_)
+        for number, (begin, end) in enumerate(stretches(np.isfinite(motion[:, 2]))):
+            samples.begin_run(follows_loss=number > 0)
+            flags[begin:end] = samples.flags(motion[begin:end], np.zeros(end - begin, dtype=np.int64))
+        yield flags

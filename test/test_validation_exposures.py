@@ -1,0 +1,144 @@
+"""Exposures of a validation: losses within strong motion raise no dose and no injury criterion."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import naive
+import numpy as np
+import pytest
+from listed import assert_listed
+from streams import subject
+
+from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS
+from biodyn_core.body.model import Chain
+from biodyn_core.body.synthesis import SensorSettings, imu_streams, load_case
+from biodyn_core.recording.recording import WARM_UP_S, Recorder, Recording
+from biodyn_ros.validate.document import validation_document
+from biodyn_ros.validate.page import validation_page
+from biodyn_ros.validate.report import Report
+from biodyn_ros.validate.text import text_of
+from biodyn_ros.validate.validating import validate_recordings
+
+RATE_HZ = 1000.0
+HEAD = MEASURED_SEGMENTS.index("head")
+STRIKE_S, SECONDS = 5.0, 12.0
+
+
+def struck(peak_g: float = 4.0, length_s: float = 0.02) -> Recording:
+    """A seat that moves little but for a half-sine at STRIKE_S, and the body of the model itself on it."""
+    time = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
+    seat = 0.1 * np.sin(2.0 * np.pi * 3.0 * time)
+    here = (time > STRIKE_S) & (time < STRIKE_S + length_s)
+    seat += np.where(here, peak_g * naive.GRAVITY * np.sin(np.pi * (time - STRIKE_S) / length_s), 0.0)
+    measured = Chain.of(subject()).simulate(seat, RATE_HZ).accel_mps2[:, MEASURED_SEGMENT_INDEX]
+    return Recording("shock", "rail", RATE_HZ, np.arange(seat.size) * 1_000_000, seat, measured, ())
+
+
+def with_seat_lost(whole: Recording, begin: int, end: int) -> Recording:
+    """Samples of the seat that a straight line replaces, with the segments masked while the model settles."""
+    seat, measured = whole.seat_mps2.copy(), whole.measured_mps2.copy()
+    seat[begin:end] = np.interp(np.arange(begin, end), [begin - 1, end], seat[[begin - 1, end]])
+    measured[begin : end + round(WARM_UP_S * RATE_HZ)] = np.nan
+    lost = np.where((np.arange(seat.size) >= begin) & (np.arange(seat.size) < end), end - begin, 0)
+    invalid_s = (end - begin) / RATE_HZ
+    return dataclasses.replace(whole, seat_mps2=seat, measured_mps2=measured, seat_lost=lost, seat_invalid_s=invalid_s)
+
+
+def with_head_masked(whole: Recording, begin: int, end: int) -> Recording:
+    measured = whole.measured_mps2.copy()
+    measured[begin:end, HEAD] = np.nan
+    return dataclasses.replace(whole, measured_mps2=measured)
+
+
+def report_of(recording: Recording) -> Report:
+    return validate_recordings([recording], subject())
+
+
+def exposure_of(recording: Recording) -> dict:
+    return validation_document(report_of(recording))["exposure"]
+
+
+def test_a_loss_at_the_peak_of_a_shock_raises_no_figure_of_the_seat():
+    """45 ms from the peak on; with the line across them VDV is 1.3 times the true one."""
+    whole = struck()
+    begin = round((STRIKE_S + 0.01) * RATE_HZ)
+    lost = with_seat_lost(whole, begin, begin + 45)
+    raised = (np.sum(naive.weighted("Wk", lost.seat_mps2, RATE_HZ) ** 4) / RATE_HZ) ** 0.25
+    true, found = exposure_of(whole), exposure_of(lost)
+    assert true["seat"]["suspect_s"] == 0.0 and true["seat"]["lower_bound"] is False
+    assert raised > 1.25 * true["seat"]["vdv_mps175"]
+    assert found["seat"]["suspect_s"] == pytest.approx(
+        1.8, abs=0.05
+    )  # 40 times 45 ms, from the last strong sample near it
+    assert found["seat"]["lower_bound"] is True and found["dri"]["lower_bound"] is True
+    for key in ("aw_mps2", "vdv_mps175", "peak_mps2", "mtvv_mps2"):
+        assert found["seat"][key] <= 1.04 * true["seat"][key], key
+    for key in ("as_printed", "compression"):
+        assert found["dri"][key] <= 1.04 * true["dri"][key], key
+    assert found["seat"]["counted_s"] == true["seat"]["counted_s"]
+    assert all(each["lower_bound"] for each in found["segments"].values())
+
+
+@pytest.mark.parametrize("into_s", [0.02, 0.03, 0.04, 0.05])
+def test_masked_samples_within_a_shock_raise_no_figure_of_their_segment(into_s):
+    whole = struck()
+    begin = round((STRIKE_S + into_s) * RATE_HZ)
+    masked = with_head_masked(whole, begin - 20, begin)
+    true, found = exposure_of(whole), exposure_of(masked)
+    head, true_head = found["segments"]["head"], true["segments"]["head"]
+    assert head["suspect_s"] == pytest.approx(2.0, abs=0.051) and head["lower_bound"] is True
+    for side in ("measured", "predicted"):
+        for key in ("aw_mps2", "vdv_mps175", "peak_mps2"):
+            assert head[side][key] <= 1.04 * true_head[side][key], (side, key)
+    for name in ("hic15", "hic36"):
+        assert found[name]["measured"]["vertical"] <= true[name]["measured"]["vertical"]
+        assert found[name]["lower_bound"] is True
+    (row,) = (row for row in text_of(report_of(masked)).splitlines() if row.startswith("head  "))
+    assert row.count(">=") == 4  # the means too: the time of suspect samples counts
+    neck = found["segments"]["neck"]
+    assert neck == true["segments"]["neck"] and neck["suspect_s"] == 0.0
+
+
+def test_a_mask_in_weak_motion_leaves_out_nothing():
+    whole = struck()
+    found = exposure_of(with_head_masked(whole, 8000, 8030))
+    assert found["segments"]["head"]["suspect_s"] == 0.0 and found["segments"]["head"]["lower_bound"] is True
+
+
+def test_no_verdict_is_agreement_where_the_strongest_motion_is_suspect():
+    whole = struck()
+    begin = round((STRIKE_S + 0.01) * RATE_HZ)
+    report = report_of(with_seat_lost(whole, begin, begin + 45))
+    texts = [finding.text for finding in report.findings if finding.what == "left_out"]
+    assert len(texts) == len(MEASURED_SEGMENTS) and all("the VDV of the seat is up to " in text for text in texts)
+    assert report.verdict != "agrees"
+
+
+def test_a_recorded_loss_is_stated_in_document_text_and_page():
+    streams = imu_streams(
+        subject(), load_case("rail", 8.0, np.random.default_rng(3)), np.random.default_rng(1), SensorSettings()
+    )
+    recorder = Recorder("rail", "rail_1")
+    for stream in streams:
+        there = np.ones(stream.stamps_ns.size, dtype=bool)
+        if stream.sensor == "seat":
+            felt = np.abs(stream.accel_mps2 - stream.accel_mps2[:1000].mean(axis=0)).max(axis=1)
+            felt[:4000] = 0.0  # rest and warm-up
+            at = int(felt.argmax())
+            there[at : at + 20] = False
+        recorder.push(stream.sensor, stream.stamps_ns[there], stream.accel_mps2[there])
+    recordings = recorder.finish()
+    assert max(one.seat_losses.max() for one in recordings) == 20
+    report = validate_recordings(recordings, subject())
+    document = validation_document(report)
+    assert_listed("validate.json", document, frozenset({"bag_made_by_model"}))
+    suspect_s = document["exposure"]["seat"]["suspect_s"]
+    assert suspect_s == pytest.approx(40 * 20 / recordings[0].rate_hz, abs=0.07)  # and the loss and 50 ms at most
+    warning = f"losses within strong motion: left out of doses, DRI and HIC, lower bounds: seat {suspect_s:.3f} s"
+    (line,) = (line for line in report.warnings if line.startswith("losses"))
+    assert line.startswith(warning)
+    assert f"warning: {line}" in text_of(report)
+    assert line in validation_page(report)
+    (row,) = (row for row in text_of(report).splitlines() if row.startswith("head  "))
+    assert row.count(">=") == 2
