@@ -16,8 +16,9 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.conditioning.conditioner import Conditioner
 from biodyn_core.exposure.injury import DriMeter, HicMeter
-from biodyn_core.exposure.meters import BIN_S, SHORTEST_MSDV_S, Dose, DoseMeter, HorizontalMeter, motion_sickness_mps15
+from biodyn_core.exposure.meters import SHORTEST_MSDV_S, Dose, DoseMeter, HorizontalMeter, motion_sickness_mps15
 from biodyn_core.exposure.sensor_meters import FIRST_LEVEL_S, SensorMeters
+from biodyn_core.exposure.tally import BIN_S
 from biodyn_core.pipeline.comparison import ResidualMeter
 from biodyn_core.signals.weighting import weighting_sections
 

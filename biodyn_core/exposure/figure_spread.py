@@ -17,7 +17,8 @@ import numpy as np
 
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.quantiles import NORMAL_95
-from biodyn_core.exposure.meters import Meter, Tally
+from biodyn_core.exposure.meters import Meter
+from biodyn_core.exposure.tally import Tally
 
 LEAST: Final = 1e-12
 """A mean square so small beside another one is zero but for rounding."""

@@ -16,7 +16,8 @@ import scipy
 from biodyn_core import kernels
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
-from biodyn_core.exposure.meters import Meter, Tally
+from biodyn_core.exposure.meters import Meter
+from biodyn_core.exposure.tally import Tally
 
 DRI_OMEGA_RAD_PER_S: Final = 52.9
 """With the damping ratio, Eq. 24."""

@@ -17,7 +17,8 @@ import numpy as np
 from biodyn_core import kernels
 from biodyn_core.base.arrays import Floats
 from biodyn_core.base.segments import SEGMENTS, STANDARD_GRAVITY_MPS2
-from biodyn_core.exposure.meters import Meter, Tally
+from biodyn_core.exposure.meters import Meter
+from biodyn_core.exposure.tally import Tally
 
 JOINT_NAMES: Final[Mapping[str, str]] = {
     "pelvis": "seat to pelvis",

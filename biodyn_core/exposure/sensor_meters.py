@@ -13,8 +13,9 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import HEAD, SEAT
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.exposure.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
-from biodyn_core.exposure.meters import BIN_S, Dose, DoseMeter, HorizontalMeter, Meter, motion_sickness_mps15
+from biodyn_core.exposure.meters import Dose, DoseMeter, HorizontalMeter, Meter, motion_sickness_mps15
 from biodyn_core.exposure.suspect import SuspectSamples, constant_parts
+from biodyn_core.exposure.tally import BIN_S
 from biodyn_core.signals.weighting import WeightingName
 
 BATCH: Final = 128

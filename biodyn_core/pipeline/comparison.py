@@ -18,8 +18,9 @@ from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS, N_SEGMENTS, N_SENSORS, SEGMENTS
 from biodyn_core.conditioning.alignment import Aligner
 from biodyn_core.conditioning.conditioned import Block
-from biodyn_core.exposure.meters import Dose, DoseMeter, Meter, Tally
+from biodyn_core.exposure.meters import Dose, DoseMeter, Meter
 from biodyn_core.exposure.suspect import constant_parts
+from biodyn_core.exposure.tally import Tally
 from biodyn_core.pipeline.frames import NO_MEASURED, MeasuredFrames
 
 
