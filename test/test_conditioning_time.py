@@ -416,7 +416,7 @@ def test_stamps_that_freeze_for_a_while_are_followed_again(clock, many):
 def test_a_driver_without_stamps_is_reported_until_it_sets_them():
     unset = Conditioned(np.zeros(2000, dtype=np.int64), STILL[:2000])
     assert unset.blocks == [] and unset.status.unset == 2000
-    assert "header stamps are zero: use log time" in unset.status.fault
+    assert "stamps are zero: set header stamps in the driver" in unset.status.fault
     unset.conditioner.push(stamps(COUNT), MARKED)
     status = unset.conditioner.status()
     assert status.fault is None and status.unset == 2000 and status.accepted > 30_000

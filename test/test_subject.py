@@ -28,7 +28,7 @@ from biodyn_ros.base.resources import subject_file
 SHIPPED = Path(__file__).parents[1] / "config" / "subjects"
 SUBJECTS = st.builds(
     Subject,
-    name=st.text(min_size=1).filter(lambda name: name.strip()),
+    name=st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Zl", "Zp"]), min_size=1).filter(str.strip),
     body_mass_kg=st.floats(30.0, 200.0),
     stature_m=st.floats(1.2, 2.3),
     mass_matrix=st.sampled_from(["segment", "cascade"]),
@@ -241,7 +241,7 @@ def test_a_newer_schema_is_refused_with_advice(refused):
     assert "schema 2 is newer" in message and "update" in message
 
 
-@pytest.mark.parametrize("value", ["", "  ", 7, None, ["a"]])
+@pytest.mark.parametrize("value", ["", "  ", 7, None, ["a"], "a\nb", "a\u2028b", "a\x1b[31m"])
 def test_a_name_that_is_no_text_is_refused(refused, value):
     assert "name is " in refused(changed("name", value))
 

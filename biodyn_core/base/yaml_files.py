@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -63,10 +64,16 @@ def mapping_of(
     return dict(value)
 
 
+_ENDS_LINE: Final = {"Cc", "Zl", "Zp"}
+"""Unicode categories of control characters, line and paragraph separators."""
+
+
 def text_of(value: object, where: str) -> str:
-    """A text that is not empty; raises InputError naming the place."""
+    """A text of one line that is not empty; raises InputError naming the place."""
     if not isinstance(value, str) or not value.strip():
         raise InputError(f"{where} is {value!r}, expected a text")
+    if any(unicodedata.category(character) in _ENDS_LINE for character in value):
+        raise InputError(f"{where} is {value!r}, expected one line without control characters")
     return value
 
 

@@ -16,7 +16,7 @@ from biodyn_core.kernels.sensor import IMPLAUSIBLE
 
 Samples = tuple[Integers, Floats]
 
-UNSET: Final = "header stamps are zero: use log time (--time log), or set them in the driver"
+UNSET: Final = "stamps are zero: set header stamps in the driver; log times (--time log) help if these are set"
 MAX_UNSET: Final = 20
 """More stamps of zero than this, and more than other stamps, come from a driver that sets none."""
 
