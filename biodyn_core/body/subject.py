@@ -56,6 +56,7 @@ class Subject:
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        text_of(self.name, "name")
         if self.mass_matrix not in MASS_MATRICES:
             raise InputError(f"mass_matrix is {self.mass_matrix!r}, allowed are {' and '.join(MASS_MATRICES)}")
         _check_range("body_mass_kg", self.body_mass_kg, BODY_MASS_KG)
@@ -107,7 +108,7 @@ class Subject:
         values = mapping_of(top["parameters"], "parameters", _PARAMETER_KEYS)
         provenance = {} if top.get("provenance") is None else top["provenance"]
         found = cls(
-            name=text_of(top["name"], "name"),
+            name=top["name"],
             body_mass_kg=_number(top["body_mass_kg"], "body_mass_kg"),
             stature_m=_number(top["stature_m"], "stature_m"),
             mass_matrix=top["mass_matrix"],
