@@ -659,8 +659,9 @@ def test_runs_of_one_event_are_pooled():
     both = document["exposure"]["segments"]["head"]["measured"]
     assert both["counted_s"] == pytest.approx(36.0)
     pooled = (one["vdv_mps175"] ** 4 + other["vdv_mps175"] ** 4) ** 0.25
-    assert both["vdv_mps175"] == pytest.approx(pooled, rel=0.01)  # the second run's filters start behind a break
-    assert document["warnings"] == ["neck: something was odd"]
+    # The second run's filters start behind a break, in strong motion: 2 s are left out.
+    assert 0.97 * pooled < both["vdv_mps175"] < pooled and document["exposure"]["segments"]["head"]["suspect_s"] == 2.0
+    assert document["warnings"][:-1] == ["neck: something was odd"]
 
 
 @pytest.mark.parametrize("pulse_s", [10.0, 16.0])

@@ -1,15 +1,16 @@
 """Exposures: doses and injury criteria of an event, measured and predicted.
 
-All are after the warm-up, with the prediction masked like the measurement. Samples that a loss within strong motion may
-have raised are in no figure except its time (`suspect`), as in the live path. Here only vertical motion counts as
-strong, and a gap of a segment that `bridge_s` lets a straight line cross is no loss.
+All are after the warm-up, with the prediction masked like the measurement. Suspect samples may be raised, and doses
+contain their time alone: those of the seat after a loss within strong motion, as in the live path (`suspect`), here by
+its vertical motion alone, and those of a segment after masked samples or the warm-up of a later run, where its
+weighting restarts in strong motion. Known limit: a line that `bridge_s` lets cross a gap of a segment is not suspect.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from biodyn_core.base.segments import HEAD, MEASURED_SEGMENT_INDEX, MEASURED_SEG
 from biodyn_core.body.subject import Subject
 from biodyn_core.exposure.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
 from biodyn_core.exposure.meters import Dose, DoseMeter
-from biodyn_core.exposure.suspect import SuspectSamples, constant_parts
+from biodyn_core.exposure.suspect import LONGEST_SETTLING_S, STRONG_MPS2, SuspectSamples, constant_parts
 from biodyn_core.pipeline.intervals import (
     NO_WINDOW,
     IntervalEstimator,
@@ -34,8 +35,14 @@ _HEAD: Final = SEGMENTS.index(HEAD)
 _WINDOW_S: Final = 1.0
 """Of rolling figures, which are not used here."""
 
-_SuspectFlags = Mapping[str, Sequence[Flags]]
-"""By the seat and each segment, the flags (n,) of each run."""
+
+class Compared(NamedTuple):
+    """Doses of the samples in which a segment is compared: seat, measured, predicted, and as its sensor would read."""
+
+    seat: Dose
+    measured: Dose
+    predicted: Dose
+    as_read: Dose
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,20 +50,19 @@ class Exposures:
     """Doses by segment, DRI, and HIC by the name of its window, after the warm-up; seat and measurement are low-passed.
 
     seat and dri need no model, so that only the warm-up of the first run is left out of them; all others lack that of
-    every run. seat_with_suspect: with the suspect samples, which all others contain as time alone; suspect_s: their
-    time, of the seat and by segment. predicted and predicted_hic: of the motion of the segments; as_read: of what their
-    sensors would read, comparable with measured. seat_compared: of the seat, where each segment is compared. masked:
-    segments, and the seat, with missing or suspect samples, so that their figures are lower bounds. spreads: of the
-    predicted figures, by segment, for their intervals; no_interval: why there are none, empty if there are.
+    every run. predicted and predicted_hic: of the motion of the segments. suspect_s: time of the suspect samples of the
+    seat and of each segment, of which doses contain the time alone. compared: by segment, with them, because all four
+    channels are masked alike. masked: segments, and the seat, with missing or suspect samples, so that their figures
+    are lower bounds. spreads: of the predicted figures, by segment, for their intervals; no_interval: why there are
+    none, empty if there are.
     """
 
     seat: Dose
-    seat_with_suspect: Dose
-    seat_compared: Mapping[str, Dose]
     measured: Mapping[str, Dose]
     predicted: Mapping[str, Dose]
-    as_read: Mapping[str, Dose]
     suspect_s: Mapping[str, float]
+    seat_with_suspect: Dose
+    compared: Mapping[str, Compared]
     masked: frozenset[str]
     dri: Dri
     measured_hic: Mapping[str, Hic]
@@ -67,36 +73,40 @@ class Exposures:
 
 def exposures(runs: Sequence[PredictedRun], rate_hz: float, subject: Subject) -> Exposures:
     """The exposures of the runs of one event."""
-    suspect = _suspect(runs, rate_hz)
+    of_gaps, of_losses = _after_losses(runs, rate_hz, gaps=True), _after_losses(runs, rate_hz, gaps=False)
     of_seat, dri = DoseMeter("Wk", rate_hz, 1, _WINDOW_S), DriMeter(rate_hz, _WINDOW_S)
     for meter in (of_seat, dri):
-        _count(runs, meter, lambda run: run.seat_mps2[:, None], suspect[SEAT], needs_model=False)
-    meters = {name: _segment_meter(runs, rate_hz, i, suspect[name]) for i, name in enumerate(SEGMENTS)}
-    doses = {name: meter.since_reset() for name, meter in meters.items()}
+        _count(runs, meter, lambda run: run.seat_mps2[:, None], of_gaps, needs_model=False)
+    # After a gap the warm-up settles the model, so that it is suspect after losses within a run alone.
+    suspect = [
+        [restarted | lost for restarted, lost in zip(_after_restarts(runs, rate_hz, i), of_losses, strict=True)]
+        for i in range(len(SEGMENTS))
+    ]
+    meters = {name: _segment_meter(runs, rate_hz, i, suspect[i]) for i, name in enumerate(SEGMENTS)}
     suspect_s = {
         name: float(meter.suspect_samples(rolling=False)[-1]) / rate_hz
         for name, meter in {SEAT: of_seat, **meters}.items()
     }
     spreads, no_interval = _spreads(runs, rate_hz, subject, suspect)
+    none = [np.zeros_like(flags) for flags in of_losses]  # a window begins anew after masked samples: nothing raises it
     return Exposures(
         seat=of_seat.since_reset()[0],
-        seat_with_suspect=of_seat.with_suspect()[0],
-        seat_compared={name: found[0] for name, found in doses.items()},
-        measured={name: found[1] for name, found in doses.items()},
-        predicted={name: found[2] for name, found in doses.items()},
-        as_read={name: found[3] for name, found in doses.items()},
+        measured={name: Compared(*meter.since_reset()).measured for name, meter in meters.items()},
+        predicted={name: Compared(*meter.since_reset()).predicted for name, meter in meters.items()},
         suspect_s=suspect_s,
+        seat_with_suspect=of_seat.with_suspect()[0],
+        compared={name: Compared(*meter.with_suspect()) for name, meter in meters.items()},
         masked=frozenset(_masked(runs)) | {name for name, seconds in suspect_s.items() if seconds > 0.0},
         dri=dri.since_reset(),
-        measured_hic=_hics(runs, rate_hz, lambda run: run.measured_mps2, suspect[HEAD]),
-        predicted_hic=_hics(runs, rate_hz, lambda run: run.moved_mps2, suspect[HEAD]),
+        measured_hic=_hics(runs, rate_hz, lambda run: run.measured_mps2, none),
+        predicted_hic=_hics(runs, rate_hz, lambda run: run.moved_mps2, of_losses),
         spreads=spreads,
         no_interval=no_interval,
     )
 
 
 def _segment_meter(runs: Sequence[PredictedRun], rate_hz: float, i: int, suspect: Sequence[Flags]) -> DoseMeter:
-    """The doses of one segment: of the seat where it is compared, measured, predicted, and as its sensor would read."""
+    """The doses of one segment, in the order of `Compared`."""
 
     def channels(run: PredictedRun) -> Floats:
         measured = run.measured_mps2[:, i]
@@ -121,7 +131,7 @@ def _hics(
 
 
 def _spreads(
-    runs: Sequence[PredictedRun], rate_hz: float, subject: Subject, suspect: _SuspectFlags
+    runs: Sequence[PredictedRun], rate_hz: float, subject: Subject, suspect: Sequence[Sequence[Flags]]
 ) -> tuple[dict[str, SegmentSpread], str]:
     """Spreads of the predicted figures by segment, of the samples in them, and why there are none.
 
@@ -134,7 +144,7 @@ def _spreads(
         return {}, no_interval
     estimator = IntervalEstimator(spread, rate_hz, _WINDOW_S)
     for number, run in enumerate(runs):
-        counted = ~np.column_stack([suspect[name][number] for name in SEGMENTS])
+        counted = ~np.column_stack([flags[number] for flags in suspect])
         counted[:, MEASURED_SEGMENT_INDEX] &= np.isfinite(run.recording.measured_mps2)
         estimator.push_run(run.recording.stamps_ns, run.seat_mps2, run.response.accel_mps2, run.begin, counted)
     found = estimator.spreads(rolling=False)
@@ -192,29 +202,29 @@ def _push(meter: Any, values: Floats, suspect: Flags) -> None:
         meter.push(values[begin:end], bool(suspect[begin]))
 
 
-def _suspect(runs: Sequence[PredictedRun], rate_hz: float) -> dict[str, list[Flags]]:
-    """The suspect samples of the seat, and of each segment, which contain those of the seat that drives it."""
-    samples = SuspectSamples(rate_hz)
-    of_seat: list[Flags] = []
+def _after_losses(runs: Sequence[PredictedRun], rate_hz: float, gaps: bool) -> list[Flags]:
+    """The suspect samples of the seat in each run; gaps: whether a run follows a loss, the gap before it."""
+    samples, found = SuspectSamples(rate_hz), list[Flags]()
     for run in runs:
-        samples.begin_run(follows_loss=bool(of_seat))
-        of_seat.append(samples.flags(run.seat_mps2[:, None], run.recording.seat_losses))
-    return {SEAT: of_seat} | {
-        name: [own | seat for own, seat in zip(_suspect_of(runs, rate_hz, i), of_seat, strict=True)]
-        for i, name in enumerate(SEGMENTS)
-    }
+        samples.begin_run(follows_loss=gaps and bool(found))
+        found.append(samples.flags(run.seat_mps2[:, None], run.recording.seat_losses))
+    return found
 
 
-def _suspect_of(runs: Sequence[PredictedRun], rate_hz: float, i: int) -> Iterator[Flags]:
-    """The suspect samples of a segment in each run, after masked ones, where meters restart.
+def _after_restarts(runs: Sequence[PredictedRun], rate_hz: float, i: int) -> Iterator[Flags]:
+    """The suspect samples of a segment in each run: until weightings settle that have restarted in strong motion.
 
-    One of the motions that are counted together may be strong there: seat, measurement or prediction.
+    That is where one of the motions that are counted together is strong: seat, measurement or prediction.
     """
-    samples = SuspectSamples(rate_hz)
-    for run in runs:
-        motion = np.column_stack([run.seat_mps2, np.nan_to_num(run.measured_mps2[:, i]), run.predicted_mps2[:, i]])
-        flags = np.zeros(len(motion), dtype=np.bool_)
-        for number, (begin, end) in enumerate(stretches(np.isfinite(motion[:, 2]))):
-            samples.begin_run(follows_loss=number > 0)
-            flags[begin:end] = samples.flags(motion[begin:end], np.zeros(end - begin, dtype=np.int64))
+    settling = round(LONGEST_SETTLING_S * rate_hz)
+    for number, run in enumerate(runs):
+        moving = np.column_stack(
+            [run.seat_mps2, run.measured_mps2[:, i], run.moved_mps2[:, i], run.predicted_mps2[:, i]]
+        )
+        strong = np.nanmax(np.abs(moving), axis=1) > STRONG_MPS2
+        counted = np.isfinite(run.predicted_mps2[:, i])
+        counted[: run.begin if number else 0] = False  # the warm-up of a later run is not pushed
+        flags = np.zeros(counted.shape, dtype=np.bool_)
+        for begin, end in stretches(counted):
+            flags[begin : min(end, begin + settling)] = strong[begin]
         yield flags

@@ -93,10 +93,10 @@ def driving_peaks(point: DrivingPoint, least_coherence: float) -> DrivingPeaks:
 
 
 def _suspect_warning(exposures: Exposures) -> Iterator[str]:
-    """Which samples no dose contains, in one line, if there are any."""
+    """The motion that no dose contains, in one line, if there is any."""
     parts = [f"{words(name)} {seconds:.3f} s" for name, seconds in exposures.suspect_s.items() if seconds > 0.0]
     if parts:
-        yield f"losses within strong motion: left out of doses, DRI and HIC, lower bounds: {', '.join(parts)}"
+        yield f"doses and DRI leave out, after losses within strong motion, {', '.join(parts)}: they are lower bounds"
 
 
 def is_lower_bound(exposures: Exposures, name: str) -> bool:
