@@ -47,6 +47,7 @@ from biodyn_ros.subject.steps import Step, StepLog, key_of
 from biodyn_ros.subject.text import document_of
 from biodyn_ros.subject.text import text_of as subject_text
 from biodyn_ros.subject.uses import used_events
+from biodyn_ros.subject.wording import sentence_of
 from biodyn_ros.trace.tracing import TraceOptions
 from biodyn_ros.work.executors import executor_of
 
@@ -201,6 +202,33 @@ def test_steps_are_used_again_while_they_fit(made: MadeSubject, bag: Path, monke
     edited, lines = make(bag, directory)
     assert lines[:2] == tried and not any("used again" in line for line in lines[2:])
     assert edited.used is not None and gone not in {part.name for part in (*edited.used.fit, *edited.used.held_out)}
+
+
+def test_a_changed_subject_is_no_result_of_the_fit(
+    made: MadeSubject, reports: list[Report], bag: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the errors of the fit would be shown for it."""
+    directory = copied(made, "changed")
+    path = directory / "fitted.yaml"
+    changed = path.read_text().replace("body_mass_kg: 58.6", "body_mass_kg: 90.0")
+    assert changed != path.read_text()
+    path.write_text(changed)
+    monkeypatch.setattr(making, "fit_bags", lambda *_: reports[0])
+    _, lines = make(bag, directory)
+    assert lines[1] == "fit: the earlier fitted.yaml is kept as fitted.earlier.yaml"
+    assert (directory / "fitted.earlier.yaml").read_text() == changed
+    assert path.read_text() == (made.directory / "fitted.yaml").read_text()
+    assert lines[3:] == [f"{name}: done, used again" for name in ("validate", "trace")]
+
+
+def test_the_fit_states_how_many_of_its_events_it_was_fitted_to(made: MadeSubject) -> None:
+    assert made.used is not None
+    step = made.steps["fit"]
+    assert step.facts["fitted_events"] == len({part.case for part in made.used.fit}) == 3
+    more = dataclasses.replace(made.used, fit=(*made.used.fit[:3], *made.used.fit[:3]))
+    text = "fitted to 3 of the 6 events to fit, the representative one of each condition; mean error "
+    assert sentence_of(step, more).startswith(text)
+    assert sentence_of(step, dataclasses.replace(made.used, fit=made.used.fit[:3])).startswith("mean error ")
 
 
 def test_an_interrupted_run_continues(roads: Roads, tmp_path: Path) -> None:
@@ -427,7 +455,24 @@ def test_a_wrong_file_of_people_is_one_line(tmp_path: Path, text: str, message: 
 def test_people_are_read_with_paths_from_their_file(tmp_path: Path) -> None:
     (tmp_path / "s.mcap").touch()
     (person,) = load_people(people_file(tmp_path, "people: [{subject: subject_1, sessions: [s.mcap], name: anna}]"))
-    assert person == Person("anna", SUBJECT, (str(tmp_path / "s.mcap"),), "seat")
+    assert person == Person("anna", subject_file("subject_1"), SUBJECT, (str(tmp_path / "s.mcap"),), "seat")
+
+
+@pytest.mark.parametrize("file", ["subject.yaml", "fitted.yaml", "trace/subject.yaml"])
+def test_the_given_file_of_a_person_is_never_a_result(
+    tmp_path: Path, file: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In the folder of the results, under the name of a result."""
+    given = tmp_path / "anna" / file
+    given.parent.mkdir(parents=True)
+    given.write_text(SUBJECT.to_yaml())
+    (tmp_path / "s.mcap").touch()
+    campaign = people_file(tmp_path, f"people: [{{subject: anna/{file}, sessions: [s.mcap], name: anna}}]")
+    assert main(["subject", "--campaign", str(campaign), "-o", str(tmp_path)]) == 2
+    assert f"anna/{file}: is an input, and a result would replace it" in capsys.readouterr().err
+    assert given.read_text() == SUBJECT.to_yaml()
+    assert main(["subject", str(tmp_path / "s.mcap"), "--subject", str(given), "-o", str(tmp_path / "anna")]) == 2
+    assert "a result would replace it" in capsys.readouterr().err
 
 
 def test_one_that_fails_does_not_stop_the_others(
@@ -437,7 +482,10 @@ def test_one_that_fails_does_not_stop_the_others(
     monkeypatch.setattr(making, "fit_bags", lambda *_: reports[0])
     refuse_steps(monkeypatch, "validate", "trace_bags")
     still = session_bag(tmp_path / "still.mcap", cases=())
-    people = [Person("ben", UNKNOWN, (str(still),), "seat"), Person("anna", UNKNOWN, (str(bag),), "seat")]
+    people = [
+        Person("ben", Path("ben.yaml"), UNKNOWN, (str(still),), "seat"),
+        Person("anna", Path("anna.yaml"), UNKNOWN, (str(bag),), "seat"),
+    ]
     seen: list[tuple[int, int]] = []
     rows = make_people(people, tmp_path / "out", OPTIONS, None, lambda done, total: seen.append((done, total)))
     assert [(row.name, row.state) for row in rows] == [("ben", "failed"), ("anna", "done")]
@@ -451,7 +499,7 @@ def test_one_that_fails_does_not_stop_the_others(
 
 def errors(fitted: float | None, held_out: float | None, unstable: int) -> dict[str, float | None]:
     """The facts of a fit."""
-    return {"fitted_percent": fitted, "held_out_percent": held_out, "unstable_events": unstable}
+    return {"fitted_percent": fitted, "held_out_percent": held_out, "fitted_events": 1, "unstable_events": unstable}
 
 
 def invented(name: str, directory: Path, **steps: Step) -> MadeSubject:
@@ -511,7 +559,7 @@ def test_a_person_without_a_fit_has_failed(tmp_path: Path, monkeypatch: pytest.M
     untraced = invented("ben", tmp_path, trace=Step("trace", "failed", reason="one event"))
     documents = {made.name: document_of(made) for made in (unfitted, untraced)}
     monkeypatch.setattr("biodyn_ros.subject.people.make_person", lambda person, *_: documents[person.name])
-    people = [Person(name, UNKNOWN, ("session.mcap",), "seat") for name in documents]
+    people = [Person(name, Path(f"{name}.yaml"), UNKNOWN, ("session.mcap",), "seat") for name in documents]
     rows = make_people(people, tmp_path / "out", OPTIONS, None, lambda done, total: None)
     assert [(row.name, row.state) for row in rows] == [("anna", "failed"), ("ben", "done")]
     assert [row.document for row in rows] == list(documents.values())
@@ -535,7 +583,9 @@ def test_a_campaign_ends_complete_although_a_worker_is_killed(
 ) -> None:
     address = request.getfixturevalue("cluster") if where == "cluster" else where
     monkeypatch.setattr("biodyn_ros.subject.people.make_person", chores.make_or_die_once)
-    people = [Person(name, UNKNOWN, ("session.mcap",), "seat") for name in ("anna", "ben", "carl")]
+    people = [
+        Person(name, Path(f"{name}.yaml"), UNKNOWN, ("session.mcap",), "seat") for name in ("anna", "ben", "carl")
+    ]
     with executor_of(address) as executor:
         rows = make_people(people, tmp_path, OPTIONS, executor, lambda done, total: None)
     assert (tmp_path / "died").exists() and [row.state for row in rows] == ["done", "done", "done"]

@@ -64,9 +64,8 @@ def _run(options: argparse.Namespace) -> int:
 def _one(options: argparse.Namespace) -> int:
     from biodyn_core.body.parameters import UNFITTED
     from biodyn_core.body.subject import load_subject
-    from biodyn_ros.base.files import check_keeps_inputs
     from biodyn_ros.base.resources import subject_file
-    from biodyn_ros.subject.making import FITTED, RESULT, Helpers, make_subject
+    from biodyn_ros.subject.making import Helpers, check_given, make_subject
     from biodyn_ros.subject.page import write_page
     from biodyn_ros.subject.text import document_of, text_of
     from biodyn_ros.work.executor_map import parallel_map
@@ -74,8 +73,7 @@ def _one(options: argparse.Namespace) -> int:
 
     directory, how = Path(options.output), how_of(options)
     given = subject_file(options.subject)
-    for name in (FITTED, RESULT):
-        check_keeps_inputs(directory / name, [given])
+    check_given(directory, given)
     subject = load_subject(given, UNFITTED)
     try:
         with executor_of(options.executor) as executor, parallel_map(executor) as parallel:
@@ -91,7 +89,7 @@ def _one(options: argparse.Namespace) -> int:
 
 def _people(options: argparse.Namespace) -> int:
     from biodyn_ros.base.files import remove
-    from biodyn_ros.subject.making import PAGE
+    from biodyn_ros.subject.making import PAGE, check_given
     from biodyn_ros.subject.people import check_failed, load_people, make_people, people_document
     from biodyn_ros.subject.people_page import people_page, text_of
     from biodyn_ros.work.executors import executor_of
@@ -99,6 +97,8 @@ def _people(options: argparse.Namespace) -> int:
     if options.bag or options.subject or options.cases != "seat":
         raise InputError("SESSION, --subject and --cases belong to each person: give them in the campaign file")
     people, directory, how = load_people(options.campaign), Path(options.output), how_of(options)
+    for person in people:
+        check_given(directory / person.name, person.file)
     try:
         with executor_of(options.executor) as executor, Progress("people") as progress:
             rows = make_people(people, directory, how, executor, progress)

@@ -12,7 +12,7 @@ from typing import Any, Final
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.parallel import ParallelMap
 from biodyn_core.body.subject import Subject, load_subject
-from biodyn_ros.base.files import exists, keep_copy, make_directory, remove, write_text
+from biodyn_ros.base.files import check_keeps_inputs, exists, keep_copy, make_directory, remove, write_text
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.events.finding import SessionOptions, find_sessions
 from biodyn_ros.fit.fitting import FitOptions, fit_bags, write_fitted
@@ -89,6 +89,12 @@ def make_subject(
     return MadeSubject(given.name, directory, steps.log.steps, used)
 
 
+def check_given(directory: Path, given: Path) -> None:
+    """Raise InputError for a file of the given subject that a step would replace or remove, before any work."""
+    for name in (FITTED, RESULT, f"{TRACED}/{RESULT}"):
+        check_keeps_inputs(directory / name, [given])
+
+
 class _Steps:
     """The steps of one directory, each by the functions of its own command."""
 
@@ -105,15 +111,14 @@ class _Steps:
         def work() -> dict[str, Any]:
             with self._helpers.monitor("reading sessions") as progress:
                 found = find_sessions(sessions, o.session, progress)
-            if exists(path) and not self.log.is_as_written("events", [path]):
-                self._helpers.say(f"events: the earlier {path.name} is kept as {keep_copy(path).name}")
+            self._keep_changed("events", [path])
             self.log.forget("events")
             write_events(found, path)
             self._page(path.with_suffix(".html"), lambda: _events_page(found))
             rests = sum(len(one.findings.rests) for one in found)
             return {"seconds": sum(one.findings.seconds for one in found), "rests": rests}
 
-        step = self.log.run("events", key, [path], work)
+        step = self.log.run("events", key, [path], work, editable=True)
         if step.state != "done":
             raise InputError(step.reason)
         self._say(step)
@@ -132,13 +137,15 @@ class _Steps:
                     remove(other)
             work = Work(self._helpers.executor, checkpoint, resume=True, monitor=self._helpers.monitor)
             report = fit_bags(used.fit, given, how, work)
+            self._keep_changed("fit", [path])
             self.log.forget("fit")
             write_fitted(report, path)
             work.finish()
             self._page(path.with_name("fitted.fit.html"), lambda: _fit_page(report))
             found = summary_of(report)
             percents = {"fitted_percent": found.fitted_percent, "held_out_percent": found.held_out_percent}
-            return {name: finite(percent) for name, percent in percents.items()} | {"unstable_events": found.unstable}
+            counts = {"fitted_events": len(found.fitted), "unstable_events": found.unstable}
+            return {name: finite(percent) for name, percent in percents.items()} | counts
 
         step = self.log.run("fit", key, [path], work)
         self._say(step)
@@ -163,12 +170,14 @@ class _Steps:
         o, directory = self._options, self._directory / TRACED
         how = dataclasses.replace(o.trace, held_out=used.held_out, as_given=True, seed=o.seed)
         key = key_of(_sources(used), subject.to_dict(), dataclasses.replace(how, held_out=()))
+        outputs = [directory / "trace.json", directory / RESULT]
 
         def work() -> dict[str, Any]:
             kept = PartStore(self._directory / f"{TRACED}.kept.json")
             traced = trace_bags(
                 used.fit, subject, how, kept, self._helpers.say, self._helpers.parallel, self._helpers.monitor
             )
+            self._keep_changed("trace", outputs)
             self.log.forget("trace")
             write_traced(traced, directory, o.report, None if traced.trace.adds else subject.to_yaml())
             return {
@@ -178,7 +187,7 @@ class _Steps:
                 "uses": traced_uses(traced),
             }
 
-        self._say(self.log.run("trace", key, [directory / "trace.json", directory / RESULT], work))
+        self._say(self.log.run("trace", key, outputs, work))
 
     def result(self, fitted: Subject | None) -> None:
         """Write the resulting subject: traced, else fitted; none without either."""
@@ -209,6 +218,14 @@ class _Steps:
             write_drawn(path, draw)
         else:
             remove(path)
+
+    def _keep_changed(self, name: str, outputs: Sequence[Path]) -> None:
+        """Keep a copy of files that somebody has changed since they were written, before they are written again."""
+        if self.log.is_as_written(name, outputs):
+            return
+        for path in outputs:
+            if exists(path):
+                self._helpers.say(f"{name}: the earlier {path.name} is kept as {keep_copy(path).name}")
 
     def _say(self, step: Step) -> None:
         how = "used again" if step.again else f"{step.seconds:.0f} s"

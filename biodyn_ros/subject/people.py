@@ -41,9 +41,10 @@ Document = dict[str, Any]
 
 @dataclass(frozen=True)
 class Person:
-    """One person of a campaign: the name of the directory, the subject, the sessions, and how conditions are named."""
+    """One person of a campaign: the name of the directory, the subject and its file, the sessions, and `--cases`."""
 
     name: str
+    file: Path
     subject: Subject
     sessions: tuple[str, ...]
     cases: str
@@ -136,7 +137,7 @@ def check_failed(rows: Sequence[PersonRow], directory: Path) -> None:
 
 def _person(row: object, where: str, base: Path) -> Person:
     given = mapping_of(row, where, ("subject", "sessions"), ("name", "cases"))
-    _, subject = subject_of(given["subject"], f"{where}.subject", base)
+    file, subject = subject_of(given["subject"], f"{where}.subject", base)
     name = text_of(given.get("name", subject.name), f"{where}.name")
     if Path(name).name != name or name.startswith("."):
         raise InputError(f"{where}.name: {name!r} cannot be the name of a directory")
@@ -147,7 +148,7 @@ def _person(row: object, where: str, base: Path) -> Person:
     if cases not in (BY_SEAT, BY_MARKS):
         cases = _there(cases, f"{where}.cases", base)
     paths = [_there(text_of(each, f"{where}.sessions"), f"{where}.sessions", base) for each in sessions]
-    return Person(name, subject, tuple(paths), cases)
+    return Person(name, file, subject, tuple(paths), cases)
 
 
 def _there(text: str, where: str, base: Path) -> str:

@@ -14,7 +14,7 @@ from biodyn_ros import __version__
 from biodyn_ros.base.json_files import keys_of, read_json, write_json
 from biodyn_ros.reading.provenance import sha256_of
 
-SCHEMA: Final = 3
+SCHEMA: Final = 4
 
 State = Literal["done", "failed", "skipped"]
 """skipped: not possible because an earlier step has failed."""
@@ -53,13 +53,21 @@ class StepLog:
         self._done = _read(path) if path.exists() else {}
         self.steps: dict[str, Step] = {}
 
-    def run(self, name: str, key: str, outputs: Sequence[Path], work: Callable[[], Mapping[str, Any]]) -> Step:
+    def run(
+        self,
+        name: str,
+        key: str,
+        outputs: Sequence[Path],
+        work: Callable[[], Mapping[str, Any]],
+        editable: bool = False,
+    ) -> Step:
         """Run a step, or use its stored result again; an InputError is its failure, and does not end the others.
 
-        A work calls `forget` before it writes.
+        A work calls `forget` before it writes. editable: whether files that were changed since are used too.
         """
         before = self._done.get(name)
-        if before and before.key == key and all(path.exists() for path in outputs):
+        there = all(path.exists() for path in outputs) and (editable or self.is_as_written(name, outputs))
+        if before and before.key == key and there:
             return self._add(replace(before, again=True))
         begin = time.monotonic()
         try:

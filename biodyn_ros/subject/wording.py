@@ -40,10 +40,17 @@ def _events(facts: Mapping[str, Any], used: UsedEvents | None) -> str:
     return f"{events} in {session}; {len(used.uses)} of them are used: {uses}"
 
 
-def _fit(facts: Mapping[str, Any], _: UsedEvents | None) -> str:
+def _fit(facts: Mapping[str, Any], used: UsedEvents | None) -> str:
+    to_fit, fitted = len(used.fit) if used else 0, facts["fitted_events"]
+    some = f"fitted to {fitted} of the {to_fit} events to fit, the representative one of each condition"
     means = {"fitted to": facts["fitted_percent"], "not fitted to": facts["held_out_percent"]}
     known = [f"{number(mean)} % of the rms in the events {which}" for which, mean in means.items() if mean is not None]
-    return "; ".join(filter(None, (divergence_of(facts), f"mean error {', '.join(known)}" if known else "")))
+    return "; ".join(
+        filter(
+            None,
+            (some if fitted < to_fit else "", divergence_of(facts), f"mean error {', '.join(known)}" if known else ""),
+        )
+    )
 
 
 def _validate(facts: Mapping[str, Any], _: UsedEvents | None) -> str:
