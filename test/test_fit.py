@@ -5,6 +5,7 @@ import json
 import math
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import fitting
 import numpy as np
@@ -31,7 +32,7 @@ from biodyn_ros.base.topics import INPUT
 from biodyn_ros.commands.cli import main
 from biodyn_ros.fit.document import fit_document, fitted_subject, provenance
 from biodyn_ros.fit.fitting import FitOptions, check_output, choose, fit_bags, parse_cases, write_fitted
-from biodyn_ros.fit.report import Report, reuse_warnings
+from biodyn_ros.fit.report import Report, clock_warnings, reuse_warnings
 from biodyn_ros.fit.text import text_of
 from biodyn_ros.reading.events import BagEvent
 from biodyn_ros.reading.provenance import Source, bag_sha256, role_of, source_of
@@ -296,6 +297,19 @@ def test_the_command_fits_a_subject_without_parameters(
         load_subject(person)
 
 
+def test_a_clock_beyond_the_linear_range_is_named() -> None:
+    """Each delay is that at the middle of a case: with 60 s compared and 100 ppm it is 3 ms larger at its ends."""
+    case = SimpleNamespace(name="road_1", rate_hz=1000.0, begin=2000, measured_mps2=np.zeros((62_000, 5)))
+    delays = np.zeros((1, 5, 2))
+    delays[0, :, 0], delays[0, 0, 1] = [1e-3, -1.9e-3, -2.1e-3, np.nan, 1.9e-3], 1e-4
+    found = SimpleNamespace(cases=[case], joint=SimpleNamespace(clock_delays_s=delays))
+    pelvis, upper = clock_warnings(found)  # type: ignore[arg-type]
+    assert pelvis.startswith("road_1: pelvis fits best with a clock 1.0 ms late that drifts by 100 ppm; above 2 ms")
+    assert upper.startswith("road_1: upper_torso fits best with a clock -2.1 ms late that drifts by 0 ppm")
+    found.joint.clock_delays_s = np.empty((0, 5, 2))
+    assert not list(clock_warnings(found))  # type: ignore[arg-type]
+
+
 def test_settings_of_the_paper_are_an_option(bags: dict[str, Path], tmp_path: Path) -> None:
     small = ["--particles", "30", "--iterations", "10", "--evaluations", "40", "--executor", "none", "--no-report"]
     command = ["fit", str(bags["rail_1"]), "--subject", "subject_1", "--paper", "-o", str(tmp_path / "p.yaml"), *small]
@@ -317,6 +331,11 @@ def test_settings_of_the_paper_are_an_option(bags: dict[str, Path], tmp_path: Pa
         (["{rail_1}", "--case", "other.mcap=road", "--subject", "subject_1"], "no such bag is given"),
         (["{rail_1}", "--profile", "f_n", "--subject", "subject_1"], "not a fitted parameter"),
         (["{rail_1}", "--executor", "cloud", "--subject", "subject_1"], "executor 'cloud'"),
+        (["{rail_1}", "--refine", "nelder-mead", "--subject", "subject_1"], "set clocks to trusted"),
+        (
+            ["{rail_1}", "--identifiable", "0.3", "--subject", "subject_1"],
+            "weakly is 0.25, less than identifiable, 0.3",
+        ),
         (["{rail_1}", "--lambda-2", "-1", "--subject", "subject_1"], "lambda_2 is -1"),
         (["missing.mcap", "--subject", "subject_1"], "missing.mcap: cannot be read"),
         (["{rail_1}", "--subject", "nobody"], "no subject file nobody"),

@@ -227,6 +227,10 @@ def test_the_mapping_is_read_back_in_any_order() -> None:
             {"head": LAW.to_dict() | {"share": dict.fromkeys(BAND_NAMES, float("nan"))}},
             "usual_residual.head in its file needs",
         ),
+        (
+            {"head": LAW.to_dict() | {"noise_mps2": dict.fromkeys(BAND_NAMES, 10**400)}},
+            "usual_residual.head in its file needs",
+        ),
         ({"head": LAW.to_dict() | {"share": {"below_2_hz": 0.1}}}, "usual_residual.head in its file needs"),
         ({"head": LAW.to_dict() | {"share": 0.1}}, "usual_residual.head in its file needs"),
         (

@@ -13,7 +13,7 @@ from biodyn_core.base.errors import InputError
 from biodyn_core.body.subject import Subject
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.fit import fit_cases, fit_joint, prediction_errors, predictions
-from biodyn_core.identification.held_out import usual_residual
+from biodyn_core.identification.held_out import _windows, usual_residual
 from biodyn_core.identification.identify import Identification, Task, fingerprint, identify, run_locally
 from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.problem import Case
@@ -144,6 +144,16 @@ def test_seconds_in_which_the_model_diverges_do_not_count_in_the_usual_residual(
     assert found == usual_residual(bent("cascade"), [dataclasses.replace(calm, **first), calm])
     assert found["head"].windows == 31
     assert usual_residual(bent("cascade"), [diverging]) == {}
+
+
+def test_the_seconds_of_the_usual_residual_begin_after_the_warm_up() -> None:
+    """3.05 s are compared at the native rate, whose warm-up is no whole number of seconds in samples."""
+    case = dataclasses.replace(shaken(5.05 * 1129.3 / fitting.RATE_HZ, 10.0), rate_hz=1129.3)
+    compared = case.compared.copy()
+    compared[: case.begin], compared[case.begin :] = False, True
+    assert [
+        usable.all() for usable, *_ in _windows(dataclasses.replace(case, compared=compared), case.measured_mps2)
+    ] == ([True] * 3)
 
 
 def test_both_refiners_are_compared_on_one_problem(found: Identification) -> None:

@@ -85,6 +85,8 @@ def test_the_mapping_is_read_back() -> None:
         ({"names": ["knee"], "ln_theta": [[1.0]]}, "needs names of parameters"),
         ({"names": [FITTED[0]] * 2, "ln_theta": [[1.0, 0.0], [0.0, 1.0]]}, "needs names of parameters"),
         ({"names": list(FITTED[:2]), "ln_theta": [[1.0]]}, "needs names of parameters"),
+        ({"names": [[1]], "ln_theta": [[1.0]]}, "needs names of parameters"),
+        ({"names": list(FITTED[:1]), "ln_theta": [[10**400]]}, "needs names of parameters"),
         ({"names": list(FITTED[:2]), "ln_theta": [[1.0, 0.0], [0.5, 1.0]]}, "needs names of parameters"),
         ({"names": list(FITTED[:2]), "ln_theta": [[1.0, "a"], [0.5, 1.0]]}, "needs names of parameters"),
         ({"names": list(FITTED[:1]), "ln_theta": [[float("nan")]]}, "needs names of parameters"),

@@ -63,7 +63,7 @@ def parameter_spread(provenance: Mapping[str, Any]) -> tuple[ParameterSpread | N
     if not isinstance(given, Mapping) or set(given) != set(_KEYS):
         return None, wrong
     names, matrix = given["names"], _matrix(given["ln_theta"])
-    if not isinstance(names, list) or not set(names) <= set(NAMES) or len(set(names)) < len(names):
+    if not isinstance(names, list) or not all(name in NAMES for name in names) or len(set(names)) < len(names):
         return None, wrong
     if matrix.shape != (len(names), len(names)) or not np.allclose(matrix, matrix.T):
         return None, wrong
@@ -77,7 +77,7 @@ def _matrix(values: object) -> Floats:
     """A matrix of finite numbers, empty where the values are none."""
     try:
         matrix = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):  # a list that is no matrix, or a whole number too large
         return np.empty(0)
     return matrix if np.isfinite(matrix).all() else np.empty(0)
 

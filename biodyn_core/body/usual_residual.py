@@ -8,6 +8,7 @@ held-out events, and stand in the provenance of the subject's file.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -135,4 +136,4 @@ def _bands(values: object) -> tuple[float, ...]:
 
 
 def _is_positive(value: object) -> bool:
-    return not isinstance(value, bool) and isinstance(value, (int, float)) and 0.0 < value < math.inf
+    return not isinstance(value, bool) and isinstance(value, (int, float)) and 0.0 < value <= sys.float_info.max

@@ -43,7 +43,7 @@ def _windows(case: Case, predicted: Floats) -> Iterator[tuple[Flags, Floats, Flo
     A segment can be used in a second in which all its samples are compared and both squares are finite.
     """
     length = round(case.rate_hz)
-    for begin in range(0, len(predicted) - length + 1, length):
+    for begin in range(case.begin, len(predicted) - length + 1, length):
         part = slice(begin, begin + length)
         with np.errstate(all="ignore"):  # squares of a model that diverges
             residual = octave_squares(predicted[part] - case.measured_mps2[part], case.rate_hz)

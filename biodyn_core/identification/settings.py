@@ -88,6 +88,8 @@ class UncertaintySettings:
 
     def __post_init__(self) -> None:
         check_settings(self)
+        if self.weakly < self.identifiable:
+            raise InputError(f"weakly is {self.weakly:g}, less than identifiable, {self.identifiable:g}: exchange them")
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,8 @@ class FitSettings:
 
     def __post_init__(self) -> None:
         check_settings(self)
+        if self.refine == "nelder-mead" and self.clocks == "estimated":
+            raise InputError("refine nelder-mead does not estimate the delays of clocks: set clocks to trusted")
 
     @property
     def free(self) -> Flags:

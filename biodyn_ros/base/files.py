@@ -99,9 +99,7 @@ def check_keeps_inputs(result: Path, inputs: Iterable[Path]) -> None:
     """Raise InputError for a result that would replace or remove one of the inputs, before the work starts."""
     for one in inputs:
         if exists(result) and exists(one) and result.samefile(one):
-            raise InputError(
-                f"{one}: is an input, and a result would replace it: give another directory for the results"
-            )
+            raise InputError(f"{one}: is an input, and a result would replace it: give another place for the results")
 
 
 def check_directory(directory: Path) -> None:

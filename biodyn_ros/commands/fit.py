@@ -130,7 +130,9 @@ def _campaign(options: argparse.Namespace) -> None:
     from biodyn_ros.work.executors import executor_of
 
     if options.bag or options.subject or options.hold_out or options.case:
-        raise InputError("BAG, --subject, --hold-out and --case belong to each subject: give them in the campaign file")
+        raise InputError(
+            "BAG, --subject, --hold-out and --case belong to each subject: give them in the campaign file, bags by name"
+        )
     campaign, directory = load_campaign(options.campaign), Path(options.output)
     check_reports(options)
     with executor_of(options.executor) as executor, Progress("fitting") as progress:

@@ -126,6 +126,7 @@ def _case(event: FitEvent, fit: Fit) -> Document:
         "at_bound": list(fit.at_bound),
         "starts": _starts(fit.refined.costs, fit.reached),
         "clock_delay_ms": _delays(fit, 0),
+        "clock_drift_ppm": _drifts(fit, 0),
         **_predictions(event),
     }
 
@@ -175,6 +176,7 @@ def _joint(report: Report) -> Document:
         "at_bound": list(fit.at_bound),
         "starts": _starts(fit.refined.costs, fit.reached),
         "clock_delay_ms": {case.name: _delays(fit, number) for number, case in enumerate(cases)},
+        "clock_drift_ppm": {case.name: _drifts(fit, number) for number, case in enumerate(cases)},
     }
 
 
@@ -238,6 +240,13 @@ def _delays(fit: Fit, number: int) -> Document:
     if not fit.clock_delays_s.size:
         return dict.fromkeys(MEASURED_SEGMENTS)
     return by_segment(1e3 * fit.clock_delays_s[number, :, 0])
+
+
+def _drifts(fit: Fit, number: int) -> Document:
+    """Growth of that delay, ppm; None if delays are not fitted."""
+    if not fit.clock_delays_s.size:
+        return dict.fromkeys(MEASURED_SEGMENTS)
+    return by_segment(1e6 * fit.clock_delays_s[number, :, 1])
 
 
 # --- parameters ------------------------------------------------------------------------------------------------------

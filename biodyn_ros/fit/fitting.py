@@ -32,7 +32,7 @@ from biodyn_core.signals.spectrum_settings import SpectrumSettings
 from biodyn_ros.base.files import check_directory, make_directory, write_text
 from biodyn_ros.base.json_files import write_json
 from biodyn_ros.fit.document import fit_document, fitted_subject
-from biodyn_ros.fit.report import FitEvent, FitName, Report, Use, reuse_warnings, warnings_of
+from biodyn_ros.fit.report import FitEvent, FitName, Report, Use, clock_warnings, reuse_warnings, warnings_of
 from biodyn_ros.reading.dealing import TO_FIT, dealt, dealt_line
 from biodyn_ros.reading.events import EventOptions, Prepared, check_bags, read_events
 from biodyn_ros.reading.parts import Bag
@@ -96,7 +96,12 @@ def fit_bags(
         mass_matrix_percent=mass_matrix_percent,
         seed=o.seed,
         dealt=_dealt_line(prepared, len(fitted), o.seed) if o.auto_held_out else None,
-        warnings=(*events.left_out, *warnings_of([*fitted, *spare]), *reuse_warnings(subject, spare)),
+        warnings=(
+            *events.left_out,
+            *warnings_of([*fitted, *spare]),
+            *reuse_warnings(subject, spare),
+            *clock_warnings(found),
+        ),
         seconds=time.monotonic() - begin,
         usual_residual=usual_residual(found.subject, held_out),
     )

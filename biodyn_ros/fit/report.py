@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
+from biodyn_core.base.segments import MEASURED_SEGMENTS
 from biodyn_core.base.wording import counted
 from biodyn_core.body.subject import MassMatrix, Subject
 from biodyn_core.body.usual_residual import UsualResidual
 from biodyn_core.identification.fit import Fit
 from biodyn_core.identification.identify import Identification
+from biodyn_core.identification.objectives import LARGEST_DELAY_S
 from biodyn_core.identification.phase1 import Search
 from biodyn_core.identification.phase2 import Refined
 from biodyn_core.identification.problem import Case, Errors
@@ -124,6 +126,19 @@ def warnings_of(events: Sequence[Prepared]) -> list[str]:
     """Warnings on the events with their bags, each once; recordings made by the model share one line."""
     made, rest = without_note(dict.fromkeys(f"{event.bag}: {line}" for event, case in events for line in case.warnings))
     return [f"{len(made)} of {counted(len(events), 'recording')}: {MADE_BY_MODEL}", *rest] if made else rest
+
+
+def clock_warnings(found: Identification) -> Iterator[str]:
+    """Warnings on sensors whose delay the joint fit estimates too large to be removed to first order."""
+    for case, delays in zip(found.cases, found.joint.clock_delays_s, strict=False):  # empty where clocks are trusted
+        half_s = 0.5 * (len(case.measured_mps2) - case.begin) / case.rate_hz
+        for name, (delay_s, growth) in zip(MEASURED_SEGMENTS, delays.tolist(), strict=True):
+            if abs(delay_s) + abs(growth) * half_s > LARGEST_DELAY_S:
+                yield (
+                    f"{case.name}: {name} fits best with a clock {1e3 * delay_s:.1f} ms late that drifts by"
+                    f" {1e6 * growth:.0f} ppm; above {1e3 * LARGEST_DELAY_S:g} ms this makes parameters wrong: correct"
+                    " its stamps"
+                )
 
 
 def reuse_warnings(given: Subject, held_out: Sequence[Prepared]) -> list[str]:
