@@ -71,6 +71,19 @@ def test_rest_is_found_anywhere(begin_s):
     assert "no rest at the start: gravity is from the rest at" in found.warning(vertical_given=False)
 
 
+@pytest.mark.parametrize("rest_at_s", [None, 4.5])
+def test_a_sensor_that_repeats_one_reading_is_not_at_rest(rest_at_s):
+    """From 1.5 s on the same reading in motion for 2 s, as after a fault."""
+    samples = swaying(6.2, still=None if rest_at_s is None else (rest_at_s, rest_at_s + 1.2))
+    begin = round(1.5 * RATE_HZ)
+    samples[begin : begin + round(2.0 * RATE_HZ)] = samples[begin]
+    found = searched(samples)
+    if rest_at_s is None:
+        assert found.origin == "motion" and found.quietest_mps2 > 0.1
+    else:
+        assert found.origin == "rest" and found.at_s == pytest.approx(rest_at_s, abs=0.4)
+
+
 def test_without_rest_the_mean_over_motion_is_used_with_a_remedy():
     samples = swaying(6.0)
     found = searched(samples)

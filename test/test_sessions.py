@@ -302,6 +302,29 @@ def test_peaks_of_a_rough_road_are_no_shocks() -> None:
     assert any(event.shocks for event in by_peak.events)
 
 
+def test_a_seat_that_repeats_one_reading_is_not_at_rest() -> None:
+    """Two stops with an engine that idles, and between them the same reading in motion for 8 s, as after a fault."""
+    idling = 0.3 * np.sin(2.0 * np.pi * 25.0 * np.arange(round(90.0 * SEAT_HZ)) / SEAT_HZ)
+    motion = shaken(90.0, 1.0, begin_s=12.0)
+    motion[round(70.0 * SEAT_HZ) : round(82.0 * SEAT_HZ)] = 0.0
+    stamps, samples = made(90.0, motion + idling)
+    stops = [(rest.begin_s, rest.end_s) for rest in found_in({"seat": (stamps, samples)}).rests]
+    assert len(stops) == 2 and sum(end - begin for begin, end in stops) > 20.0
+    begin = round(40.0 * SEAT_HZ)
+    samples[begin : begin + round(8.0 * SEAT_HZ)] = samples[begin] + [0.0, 0.0, 2.0]
+    found = found_in({"seat": (stamps, samples)})
+    assert [(rest.begin_s, rest.end_s) for rest in found.rests] == stops
+    assert [(fault.kind, fault.begin_s) for fault in found.faults] == [("stuck", 40.0)]
+
+
+def test_a_body_sensor_that_repeats_one_reading_in_a_rest_has_no_gravity_there() -> None:
+    stamps, samples = made(60.0, shaken(60.0, 1.0, begin_s=20.0))
+    stuck = samples.copy()
+    stuck[: round(20.0 * SEAT_HZ)] = [0.0, 1.0, 9.0]
+    (rest,) = found_in({"seat": (stamps, samples), "head": (stamps, stuck)}).rests
+    assert set(rest.gravity_mps2) == {"seat"}
+
+
 def test_a_vehicle_that_gathers_speed_smoothly_is_not_at_rest() -> None:
     """Up to 1.4 m/s^2 forward for 10 s, as a tram: quieter than 0.3 m/s^2 rms, but louder than at a stop."""
     stamps, samples = made(60.0, shaken(60.0, 0.8))

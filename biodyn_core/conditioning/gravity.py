@@ -30,6 +30,9 @@ SAME_MOUNTING_MPS2: Final = 0.86
 IDLING_MPS2: Final = 1.0
 """An idling engine shakes a seat by less, rms: rest_rms_mps2 must not be set higher."""
 
+STUCK_MPS2: Final = 1e-5
+"""A sensor with less rms about its mean reads a constant, as after a fault: that is no rest. Rounding gives 1e-6."""
+
 PARTS: Final = 4
 """A window at rest may begin at any of so many parts of its length, so that a rest of less than two is found."""
 
@@ -178,7 +181,7 @@ class GravitySearch:
     def _of_parts(self) -> Gravity | None:
         """The first window at rest with the mounting of the motion, else the mean over motion."""
         windows = self._windows()
-        quiet = [at for at, window in windows.items() if window.rms_mps2 <= self._rest_rms_mps2]
+        quiet = [at for at, window in windows.items() if STUCK_MPS2 < window.rms_mps2 <= self._rest_rms_mps2]
         resting = {at + k for at in quiet for k in range(PARTS)}
         moving = [part for at, part in enumerate(self._parts) if at not in resting] or self._parts
         if not moving:
@@ -191,7 +194,8 @@ class GravitySearch:
                 return Gravity(window.mean_mps2, "rest", at_s, (window.first, window.end))
         if not self._has_gravity(motion.mean_mps2):
             return None
-        quietest_mps2 = None if rests else min((window.rms_mps2 for window in windows.values()), default=None)
+        scatters = (window.rms_mps2 for window in windows.values() if window.rms_mps2 > STUCK_MPS2)
+        quietest_mps2 = None if rests else min(scatters, default=None)
         return Gravity(
             motion.mean_mps2, "motion", samples=(motion.first, motion.end), quietest_mps2=quietest_mps2,
             tilted=bool(rests),
@@ -249,12 +253,14 @@ def angle_deg(one: Vector, other: Vector) -> float:
 
 
 def gravity_in_rest(samples_mps2: Floats, rates_radps: Floats) -> Gravity | None:
-    """The gravity of a sensor from its samples (n, 3) in a rest of its session; None where it moves there.
+    """The gravity of a sensor from its samples (n, 3) in a rest of its session; None where it moves or is stuck there.
 
     rates_radps (n, 3), NaN where none were read: their mean is the bias of the gyro, if they scatter little.
     """
     finite = samples_mps2[np.isfinite(samples_mps2).all(axis=1)]
-    if len(finite) == 0 or float(np.sqrt(((finite - finite.mean(axis=0)) ** 2).sum(axis=1).mean())) > IDLING_MPS2:
+    if len(finite) == 0:
+        return None
+    if not STUCK_MPS2 < float(np.sqrt(((finite - finite.mean(axis=0)) ** 2).sum(axis=1).mean())) <= IDLING_MPS2:
         return None
     read = rates_radps[np.isfinite(rates_radps).all(axis=1)]
     is_still = len(read) > 0 and bool((read.std(axis=0) < MAX_RATE_SCATTER_RADPS).all())

@@ -16,7 +16,7 @@ import numpy as np
 from biodyn_core.base.arrays import Floats
 from biodyn_core.recording.flags import stretches
 from biodyn_core.sessions.bins import Bins
-from biodyn_core.sessions.digest import LEVELLED, SQUARE
+from biodyn_core.sessions.digest import LEVELLED, SQUARE, STUCK_MPS2
 from biodyn_core.sessions.settings import SessionSettings
 
 QUIETEST_SHARE: Final = 0.05
@@ -49,6 +49,9 @@ def find_rests(coarse: Bins, settings: SessionSettings) -> list[tuple[float, flo
     counts = np.where(full, coarse.counts, 1.0)[:, None]
     mean = coarse.sums[:, LEVELLED] / counts
     spread = np.sqrt(np.maximum(coarse.sums[:, SQUARE] / counts[:, 0] - (mean**2).sum(axis=1), 0.0))
+    full &= spread >= STUCK_MPS2
+    if not full.any():
+        return []
     quietest = float(np.quantile(spread[full], QUIETEST_SHARE))
     quiet = full & (spread <= min(s.rest_level_mps2, max(s.rest_floor_mps2, s.rest_ratio * quietest)))
     parts = [

@@ -27,6 +27,7 @@ from biodyn_core.sessions.digest import (
     LEVELLED,
     LOW_PASSED,
     SQUARE,
+    STUCK_MPS2,
     WEIGHTED,
     SeatDigest,
     SensorDigest,
@@ -41,9 +42,6 @@ MISSING_SHARE: Final = 0.02
 
 LATEST: Final = 3000
 """Intervals of 20 ms, a minute, by which the samples of a sensor may come after those of the seat."""
-
-STUCK_MPS2: Final = 1e-6
-"""A sensor with less rms about its mean over half a second gives one constant reading."""
 
 
 class Session:
@@ -130,7 +128,7 @@ class Session:
         readings = {
             name: digest.mean_reading(begin_s, end_s)
             for name, digest in self._digests.items()
-            if digest.rms_about_mean(begin_s, end_s) <= IDLING_MPS2
+            if STUCK_MPS2 < digest.rms_about_mean(begin_s, end_s) <= IDLING_MPS2
         }
         known = {name: mean for name, mean in readings.items() if mean and math.hypot(*mean) >= LEAST_GRAVITY_MPS2}
         return Rest(begin_s, end_s, known)
