@@ -38,7 +38,7 @@ from biodyn_ros.reading.given import bags_of
 from biodyn_ros.reading.gravity import gravity_by_bag
 from biodyn_ros.reading.marks import Mark
 from biodyn_ros.reading.parts import part_of
-from biodyn_ros.reading.sensors import ReadingOptions
+from biodyn_ros.reading.sensors import ReadingOptions, open_sensors
 
 SMALL = ["--particles", "10", "--iterations", "5", "--starts", "1", "--refined-starts", "1", "--evaluations", "15"]
 
@@ -104,13 +104,15 @@ Edit = Callable[[dict[str, Any]], object]
             "unknown sensor 'hed', known are .*; did you mean head?",
         ),
         (lambda d: d["sessions"][0].update(clock_ppm={"head": 2e3}), "head is 2000, allowed are -1000 to 1000"),
+        (lambda d: d["sessions"][0].update(map={"hed": "a"}), "map of session.mcap: .*'hed'.*; did you mean head?"),
+        (lambda d: d["sessions"][0].update(time="lo"), "time of session.mcap is 'lo', .*; did you mean log?"),
         (lambda d: d["events"][0].update(rest_bag="x"), "rest_bag 'x' is not among the sessions"),
         (
             lambda d: d["events"][0].update(name="../../elsewhere"),
             "name of an event: '../../elsewhere' cannot be a file's",
         ),
         (lambda d: d["events"][0].update(name="/tmp/elsewhere"), "cannot be a file's"),
-        (lambda d: d["events"][0].update(name="a\0b"), "cannot be a file's"),
+        (lambda d: d["events"][0].update(name="a\0b"), "name is .*, expected one line without control characters"),
         (lambda d: d.update(events=[]), "has no events"),
         (lambda d: d.update(events={}), "events: expected a list"),
         (lambda d: d.update(schema=2), "schema is 2, this version reads 1: run biodyn events again"),
@@ -125,6 +127,41 @@ def test_a_wrong_edit_is_one_line(place: Path, tmp_path: Path, edit: Edit, messa
     with pytest.raises(InputError, match=message) as error:
         load_events(path)
     assert str(error.value).startswith(str(path)) and "\n" not in str(error.value)
+
+
+def test_events_are_read_with_the_topics_and_the_clock_of_their_file(place: Path, tmp_path: Path) -> None:
+    """The topics of neck and head exchanged, and log times: of an event, of its rest, and of its whole bag."""
+    swapped = {"neck": "imu/head/data", "head": "imu/neck/data"}
+    found = find_events(place / "session.mcap", SessionOptions(mapping=swapped, time="log"))
+    write_events([found], tmp_path / "swapped.yaml")
+    part = load_events(tmp_path / "swapped.yaml")[0]
+    with open_sensors(part.beside(part.path), ReadingOptions()) as sensors:
+        assert set(sensors.times.values()) == {"log"}
+    (rest,) = gravity_by_bag([part], ReadingOptions(), {})
+    (plain,) = gravity_by_bag([load_events(place / "session.events.yaml")[0]], ReadingOptions(), {})
+    assert rest["neck"].mean_mps2 == pytest.approx(plain["head"].mean_mps2, abs=1e-3)
+    with open_sensors(part, ReadingOptions(mapping=swapped, time="log")) as again:
+        assert set(again.times.values()) == {"log"}
+    with pytest.raises(InputError, match=r"its events were found with neck=imu/head/data .*: omit --map"):
+        gravity_by_bag([part], ReadingOptions(mapping={"head": "imu/head/data"}), {})
+    by_header = load_events(place / "session.events.yaml")[0]
+    with pytest.raises(InputError, match="its events were found by header stamps: run biodyn events with --time log"):
+        gravity_by_bag([by_header], ReadingOptions(time="log"), {})
+
+
+def test_the_drift_of_a_file_is_corrected_for_every_clock(place: Path) -> None:
+    part = dataclasses.replace(load_events(place / "session.events.yaml")[-1], time="log")
+
+    def stamps_of(clock_ppm: dict[str, float]) -> dict[int, int]:
+        with open_sensors(dataclasses.replace(part, clock_ppm=clock_ppm), ReadingOptions()) as sensors:
+            blocks = [block for sensor, block in sensors.samples() if sensor == "head"]
+        return {
+            header: at for b in blocks for header, at in zip(b.header_ns.tolist(), b.stamps_ns.tolist(), strict=True)
+        }
+
+    plain, drifting = stamps_of({}), stamps_of({"head": 100.0})
+    early_s = [1e-9 * (plain[header] - drifting[header]) for header in plain.keys() & drifting.keys()]
+    assert 1e-4 * part.begin_s <= min(early_s) < max(early_s) <= 1e-4 * (part.end_s + 1.0) and part.begin_s > 10.0
 
 
 def test_a_file_of_a_long_session_is_read(place: Path) -> None:

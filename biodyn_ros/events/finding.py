@@ -120,7 +120,7 @@ def _found_in(bag: str | Path, o: SessionOptions, progress: OnProgress) -> Found
     if not findings.rests:
         absent = (*absent, NO_REST)
     findings = replace(findings, events=with_cases(findings.events, spans), warnings=(*absent, *shown))
-    return FoundSession(Path(bag), bag_sha256(bag), findings, tuple(warnings), epoch_ns)
+    return FoundSession(Path(bag), bag_sha256(bag), findings, tuple(warnings), epoch_ns, mapping=o.mapping, time=o.time)
 
 
 def _at_begin(sensors: SensorReading, verticals: Mapping[str, Vector]) -> dict[str, Gravity]:

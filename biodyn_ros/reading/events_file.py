@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -34,7 +34,7 @@ TIME_DIGITS: Final = 2
 _EVENT: Final = ("bag", "start_s", "end_s", "case")
 _EVENT_MORE: Final = ("name", "peak_mps2", "level_mps2", "aw_mps2", "shocks", "rest_s", "rest_bag", "quality")
 _SESSION: Final = ("bag", "sha256", "seconds")
-_SESSION_MORE: Final = ("rests_s", "gravity_mps2", "clock_ppm", "faults", "warnings")
+_SESSION_MORE: Final = ("map", "time", "rests_s", "gravity_mps2", "clock_ppm", "faults", "warnings")
 
 MAX_BYTES: Final = 2**24
 """Ten times a day with a shock each ten seconds; unlike other YAML files, a program writes it."""
@@ -47,7 +47,8 @@ LARGEST_PPM: Final = 1000.0
 class FoundSession:
     """A session: its bag, the SHA-256 of it, and what was found; warnings: about the bag and its clocks.
 
-    begin_ns: stamp of the seat's first sample. borrowed: the rest of another session, for events without one.
+    begin_ns: stamp of the seat's first sample. borrowed: the rest of another session, for events without one. mapping,
+    time: the given topic by sensor and clock, with which events are read too.
     """
 
     bag: Path
@@ -56,6 +57,8 @@ class FoundSession:
     warnings: tuple[str, ...]
     begin_ns: int = 0
     borrowed: tuple[Path, Rest] | None = None
+    mapping: Mapping[str, str] = field(default_factory=dict)
+    time: str = "header"
 
     def rest_of(self, event: Event) -> tuple[Path, Rest] | None:
         """The rest that gives gravity to an event, with its bag."""
@@ -117,6 +120,8 @@ def _session(one: FoundSession, folder: Path) -> dict[str, Any]:
         "bag": _relative(one.bag, folder),
         "sha256": one.sha256,
         "seconds": _time(found.seconds),
+        "map": dict(one.mapping),
+        "time": one.time,
         "rests_s": [[_time(rest.begin_s), _time(rest.end_s)] for rest in found.rests],
         "gravity_mps2": [
             {name: [round(axis, 3) for axis in mean] for name, mean in rest.gravity_mps2.items()}
@@ -159,10 +164,12 @@ def _relative(bag: Path, folder: Path) -> str:
 
 @dataclass(frozen=True)
 class _KnownBag:
-    """The length of a bag, s, and the drift of clocks in it."""
+    """The length of a bag, s, the drift of clocks in it, and how it was read; None where that is not stated."""
 
     seconds: float
     clock_ppm: Mapping[str, float]
+    mapping: Mapping[str, str] | None
+    time: str | None
 
 
 def _known_bag(session: object, path: Path) -> tuple[str, _KnownBag]:
@@ -179,7 +186,15 @@ def _known_bag(session: object, path: Path) -> tuple[str, _KnownBag]:
     clock_ppm = {sensor: _number(ppm, f"{where}: {sensor}") for sensor, ppm in drifts.items()}
     if wrong := next((sensor for sensor, ppm in clock_ppm.items() if abs(ppm) > LARGEST_PPM), None):
         raise InputError(f"{where}: {wrong} is {clock_ppm[wrong]:g}, allowed are {-LARGEST_PPM:g} to {LARGEST_PPM:g}")
-    return name, _KnownBag(_number(known["seconds"], f"{path}: seconds of {name}"), clock_ppm)
+    where = f"{path}: map of {name}"
+    given = mapping_of(known["map"], where, (), SENSORS, "sensor") if "map" in known else None
+    topics = (
+        None if given is None else {sensor: text_of(topic, f"{where}: {sensor}") for sensor, topic in given.items()}
+    )
+    time = text_of(known["time"], f"{path}: time of {name}") if "time" in known else None
+    if time not in (None, "header", "log"):
+        raise InputError(f"{path}: time of {name} is {time!r}, {known_are(str(time), ('header', 'log'))}")
+    return name, _KnownBag(_number(known["seconds"], f"{path}: seconds of {name}"), clock_ppm, topics, time)
 
 
 def _part(event: object, where: str, path: Path, known: Mapping[str, _KnownBag]) -> BagPart:
@@ -200,7 +215,11 @@ def _part(event: object, where: str, path: Path, known: Mapping[str, _KnownBag])
     )
     level = _number(given.get("level_mps2", 0.0), f"{where}: level_mps2")
     case, elsewhere = text_of(given["case"], f"{where}: case"), None if rest_bag == bag else _beside(path, rest_bag)
-    return BagPart(_beside(path, bag), begin_s, end_s, case, rest_s, elsewhere, name, level, known[bag].clock_ppm)
+    of_bag = known[bag]
+    return BagPart(
+        _beside(path, bag), begin_s, end_s, case, rest_s, elsewhere, name, level, of_bag.clock_ppm, of_bag.mapping,
+        of_bag.time,
+    )  # fmt: skip
 
 
 def _beside(path: Path, bag: str) -> Path:

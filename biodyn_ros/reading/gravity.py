@@ -57,7 +57,7 @@ def gravity_of_part(
         found = _of_whole(part, options, verticals)
         rest_s = _first_rest_s(found.get(SEAT), sensors.conditioning[SEAT].rest_s)
     if rest_s is not None:
-        found |= gravity_at_rest(BagPart(part.rest_bag or part.path, *rest_s), options)
+        found |= gravity_at_rest(part.beside(part.rest_bag or part.path, *rest_s), options)
     if not found.keys() >= sensors.times.keys():  # a sensor that moved in the rest, or joined later
         found = _of_whole(part, options, verticals) | found
     return found
@@ -79,7 +79,7 @@ def gravity_at_rest(rest: BagPart, options: ReadingOptions) -> Gravities:
 
 
 def _of_whole(part: BagPart, options: ReadingOptions, verticals: Mapping[str, Vector]) -> Gravities:
-    with open_sensors(part.path, options) as whole:
+    with open_sensors(part.beside(part.path), options) as whole:
         return {sensor: of_session(gravity) for sensor, gravity in gravity_of(whole, verticals).items()}
 
 

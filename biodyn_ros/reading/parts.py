@@ -39,7 +39,8 @@ class BagPart:
 
     case: its loading condition, None for that of its name. rest_s: begin and end of the rest that gives gravity, None
     to search for it; rest_bag: the bag of this rest, None for the same one. name and level (rms of the seat): of the
-    event in an events file. clock_ppm: drift of the clock of sensors against the seat's, from 0 s on.
+    event in an events file. clock_ppm: drift of the clock of sensors against the seat's, from 0 s on. mapping, time:
+    topic by sensor and clock with which the events of a file were found; None where that is not known.
     """
 
     path: Path
@@ -51,6 +52,8 @@ class BagPart:
     name: str = ""
     level_mps2: float = 0.0
     clock_ppm: Mapping[str, float] = field(default_factory=dict)
+    mapping: Mapping[str, str] | None = None
+    time: str | None = None
 
     @property
     def is_whole(self) -> bool:
@@ -61,6 +64,10 @@ class BagPart:
         """Whether both are of the same file and have time in common."""
         in_time = min(self.end_s, other.end_s) > max(self.begin_s, other.begin_s)
         return in_time and self.path.resolve() == other.path.resolve()
+
+    def beside(self, path: Path, begin_s: float = 0.0, end_s: float = math.inf) -> BagPart:
+        """Another part, or a whole bag, that is read with the same topics and clock."""
+        return BagPart(path, begin_s, end_s, mapping=self.mapping, time=self.time)
 
     @property
     def label(self) -> str:

@@ -56,6 +56,7 @@ class SensorReading:
         self, reader: BagReader, options: ReadingOptions, part: BagPart | None = None, beside_s: float = 0.0
     ) -> None:
         self._reader = reader
+        options = _as_found(part, options)
         self._sensors = sensors_of(reader, options.mapping)
         self.conditioning, self._limit_notes = limits_of(reader, self._sensors, options.conditioning)
         self._choices = choose_times(reader, self._sensors, options.time)
@@ -136,7 +137,7 @@ class SensorReading:
         drifts = {
             topic: (begins[topic], 1e-6 * part.clock_ppm[sensor])
             for topic, sensor in self._sensors.items()
-            if sensor in part.clock_ppm and self._choices[topic].time == "header"
+            if sensor in part.clock_ppm and (part.time or self._choices[topic].time == "header")
         }
         extent = Extent.of_part(part, length_s, begins, beside, log_ns, abs(stamped_s - logged_s))
         return replace(extent, drifts=drifts)
@@ -157,6 +158,19 @@ class SensorReading:
             for topic, sensor in self._sensors.items()
         }
         return clock_warnings(clocks, seconds)
+
+
+def _as_found(part: BagPart | None, options: ReadingOptions) -> ReadingOptions:
+    """Options with the topics and the clock of a part's events; raises InputError for other ones."""
+    if part is None or part.mapping is None:
+        return options
+    known = dict(part.mapping)
+    if options.mapping and options.mapping != known:
+        topics = " ".join(f"{sensor}={topic}" for sensor, topic in known.items()) or "no --map"
+        raise InputError(f"{part.label}: its events were found with {topics}: omit --map, or run biodyn events again")
+    if part.time == "header" and options.time == "log":
+        raise InputError(f"{part.label}: its events were found by header stamps: run biodyn events with --time log")
+    return replace(options, mapping=known, time=part.time or options.time)
 
 
 def check_seat(status: SensorStatus, bag: str) -> None:
