@@ -128,6 +128,8 @@ BROKEN: dict[str, tuple[bytes, str]] = {
     "empty": (b"", "no export of Capture.U or Nexus"),
     "another table": (b"a,b\n1,2\n", "neither unix_timestamp_microsec nor Devices"),
     "semicolons": (b"Devices;;\n250;;\n;;TS-1 - accel\n", "separated by semicolons"),
+    "semicolons of a whole export": (GOOD.replace(",", ";").encode(), "separated by semicolons"),
+    "semicolons of Capture.U": (b"unix_timestamp_microsec;time_s;ax_m/s/s\n1;0;9,8\n", "separated by semicolons"),
     "no header": (b"Devices\n250\n", "no line that starts with Frame,Sub Frame between names and units"),
     "no rate": (GOOD.replace("250\r", "fast\r").encode(), "no rate above the names"),
     "an absurd rate": (GOOD.replace("250\r", "1e300\r").encode(), "the rate is 1e300 Hz, allowed: 10 to"),

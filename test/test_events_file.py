@@ -451,6 +451,7 @@ def test_marks_of_the_node_about_the_fit_name_no_condition() -> None:
             "start,end,case\n15,30,rocks\n0,20,a\n",
             "a from 0 to 20 s and rocks from 15 to 30 s overlap: end the first by 15",
         ),
+        ("start,end,case\n0,610,5,gravel\n", "line 2: more cells than columns: write decimal points"),
         ("start,end,case\n0,20,road\n20,30,---\n", "line 3: the case '---' has no letter or digit"),
         ('start,end,case\n0,20,"gravel\n20,30,road\n', "cannot be read as a table .*: is a quote not closed?"),
         (f'start,end,case\n0,20,"{"x" * 2**18}"\n', "cannot be read as a table .field larger than field limit"),
@@ -461,6 +462,12 @@ def test_a_wrong_table_is_one_line(tmp_path: Path, text: str, message: str) -> N
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         read_spans(path)
+
+
+def test_columns_of_a_table_have_names_in_any_case_and_order(tmp_path: Path) -> None:
+    path = tmp_path / "cases.csv"
+    path.write_text("Case , End,START\nroad,20,0.5\n")
+    assert [(span.begin_s, span.end_s, span.case) for span in read_spans(path)] == [(0.5, 20.0, "road")]
 
 
 def test_a_row_after_the_end_of_the_session_is_a_warning(place: Path, tmp_path: Path) -> None:

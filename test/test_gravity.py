@@ -71,6 +71,14 @@ def test_rest_is_found_anywhere(begin_s):
     assert "no rest at the start: gravity is from the rest at" in found.warning(vertical_given=False)
 
 
+@pytest.mark.parametrize("stray_s", [-3600.0, 3600.0])
+def test_a_stray_first_stamp_moves_no_rest(stray_s):
+    samples, stamps_ns = swaying(6.2, still=(2.0, 3.2)), stamps(round(6.2 * RATE_HZ))
+    stamps_ns[0] += round(1e9 * stray_s)
+    found = searched(samples, stamps_ns=stamps_ns)
+    assert found.origin == "rest" and 1.8 <= found.at_s <= 2.4
+
+
 @pytest.mark.parametrize("rest_at_s", [None, 4.5])
 def test_a_sensor_that_repeats_one_reading_is_not_at_rest(rest_at_s):
     """From 1.5 s on the same reading in motion for 2 s, as after a fault."""

@@ -57,6 +57,10 @@ def neck(time_s: Floats) -> Floats:
     return motion(1)(time_s) + np.array([0.0, 0.0, 9.81])
 
 
+def still(time_s: Floats) -> Floats:
+    return np.full((time_s.size, 3), 5.0)
+
+
 def head(time_s: Floats) -> Floats:
     """A stiff structure above, with a twentieth of own motion."""
     moved = neck(time_s)
@@ -106,6 +110,9 @@ def test_a_stream_has_no_unset_repeated_or_invalid_samples() -> None:
     with pytest.raises(InputError, match="fewer than three"):
         stream_of(stamps_ns[:3], accel[:3], None, START_NS)
     back = START_NS + np.array([0, 5000, 10, 20]) * 1_000_000
+    ahead = START_NS + np.array([0, 10, 20, 10**9]) * 1_000_000
+    with pytest.raises(InputError, match="step ahead by 278 h: a clock was set; use --time log"):
+        stream_of(ahead, accel[[0, 2, 4, 5]], None, START_NS)
     with pytest.raises(InputError, match="set back"):
         stream_of(back, accel[[0, 2, 4, 5]], None, START_NS)
 
@@ -171,6 +178,13 @@ def test_a_stretch_has_motion_and_no_gap() -> None:
         assert not span.begin_s < 30.0 < span.end_s
 
 
+@pytest.mark.parametrize("pause_s", [30.0, 3600.0])
+def test_a_pause_of_the_recording_changes_no_rate(pause_s: float) -> None:
+    whole = stream(head, 101.0, 40.0)
+    paused = whole.stamps_s + np.where(whole.stamps_s > 22.0, pause_s, 0.0)
+    assert Stream(paused, whole.accel_mps2, None).rate_hz == pytest.approx(whole.rate_hz, rel=1e-3)
+
+
 # --- results ---------------------------------------------------------------------------------------------------------
 
 
@@ -194,6 +208,8 @@ def test_sensors_that_cannot_be_compared_have_a_reason() -> None:
         (Recorded(stream(neck, 120.0, 8.0), stream(head, 20.0, 8.0)), "rate of 20.0 Hz is too low"),
         (Recorded(stream(neck, 120.0, 3.0), stream(head, 101.0, 8.0)), "share 3.0 s, at least 5 s"),
         (Recorded(stream(neck, 120.0, 8.0), stream(head, 101.0, 8.0, 0, 100.0)), "do not overlap"),
+        (Recorded(stream(neck, 120.0, 8.0), stream(still, 101.0, 8.0)), "the sensor gives one constant reading"),
+        (Recorded(stream(still, 120.0, 8.0), stream(head, 101.0, 8.0)), "the reference gives one constant reading"),
     ):
         found = check_sensor(later, [good], 0, StretchSettings(), PairSettings()).finding
         assert found.verdict == "not_decidable"

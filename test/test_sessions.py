@@ -317,6 +317,12 @@ def test_a_seat_that_repeats_one_reading_is_not_at_rest() -> None:
     assert [(fault.kind, fault.begin_s) for fault in found.faults] == [("stuck", 40.0)]
 
 
+def test_a_sensor_by_another_clock_is_named() -> None:
+    seat, head = (made(60.0, shaken(60.0, 1.0, seed=seed)) for seed in (1, 2))
+    found = found_in({"seat": seat, "head": (head[0] - 10**15, head[1])})
+    assert "head: its stamps are before the seat's: another clock; use --time log" in found.warnings
+
+
 def test_a_body_sensor_that_repeats_one_reading_in_a_rest_has_no_gravity_there() -> None:
     stamps, samples = made(60.0, shaken(60.0, 1.0, begin_s=20.0))
     stuck = samples.copy()

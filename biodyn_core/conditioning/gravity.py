@@ -106,7 +106,7 @@ class GravitySearch:
         self._epoch_ns: int | None = None
         self._arrived = 0
         self._open: list[tuple[Integers, Floats]] = []
-        self._slot = 0
+        self._slot = self._begin_ns = 0
         self._parts: list[_Part] = []
         self._at_begin: Gravity | None = None
         self._is_faulty = False
@@ -163,6 +163,8 @@ class GravitySearch:
             if int(slots[begin]) != self._slot:
                 self._close_part()
                 self._slot = int(slots[begin])
+            if not self._open:
+                self._begin_ns = int(stamps_ns[begin])
             self._open.append((arrival[begin:end], samples_mps2[begin:end]))
 
     def _close_part(self) -> None:
@@ -173,7 +175,7 @@ class GravitySearch:
         self._open = []
         self._parts.append(
             _Part(
-                self._slot, int(arrival[0]), int(arrival[-1]) + 1, len(samples), samples.sum(axis=0),
+                self._begin_ns, self._slot, int(arrival[0]), int(arrival[-1]) + 1, len(samples), samples.sum(axis=0),
                 float((samples**2).sum()),
             )
         )  # fmt: skip
@@ -190,8 +192,7 @@ class GravitySearch:
         rests = [windows[at] for at in quiet if self._has_gravity(windows[at].mean_mps2)]
         for window in rests:
             if angle_deg(window.mean_mps2, motion.mean_mps2) <= MAX_TILT_DEG:
-                at_s = 1e-9 * window.slot * self._part_ns
-                return Gravity(window.mean_mps2, "rest", at_s, (window.first, window.end))
+                return Gravity(window.mean_mps2, "rest", self._seconds_of(window), (window.first, window.end))
         if not self._has_gravity(motion.mean_mps2):
             return None
         scatters = (window.rms_mps2 for window in windows.values() if window.rms_mps2 > STUCK_MPS2)
@@ -200,6 +201,12 @@ class GravitySearch:
             motion.mean_mps2, "motion", samples=(motion.first, motion.end), quietest_mps2=quietest_mps2,
             tilted=bool(rests),
         )  # fmt: skip
+
+    def _seconds_of(self, window: _Part) -> float:
+        """The time of a window since the first sample that is not alone in its part, as one with a stray stamp is."""
+        assert self._epoch_ns is not None  # known once there are parts
+        first = next((part for part in self._parts if part.size > 1), self._parts[0])
+        return 1e-9 * (self._epoch_ns + window.slot * self._part_ns - first.begin_ns)
 
     def _windows(self) -> dict[int, _Part]:
         """Windows without a gap, by the index of their first part."""
@@ -217,8 +224,9 @@ class GravitySearch:
 
 
 class _Part(NamedTuple):
-    """Sums over a stretch of samples: slot in time, first sample and the one after it, count, sum, sum of squares."""
+    """Sums of samples: first stamp, slot in time, first sample and the one after it, count, sum, sum of squares."""
 
+    begin_ns: int
     slot: int
     first: int
     end: int
@@ -241,7 +249,7 @@ class _Part(NamedTuple):
 def _joined(parts: Sequence[_Part]) -> _Part:
     """Several stretches as one."""
     return _Part(
-        parts[0].slot, parts[0].first, parts[-1].end, sum(part.size for part in parts),
+        parts[0].begin_ns, parts[0].slot, parts[0].first, parts[-1].end, sum(part.size for part in parts),
         np.sum([part.sum_mps2 for part in parts], axis=0), math.fsum(part.squares for part in parts),
     )  # fmt: skip
 

@@ -96,9 +96,19 @@ def check_sensor(
         for good_span in found:
             baseline = pair_of(*recorded, good_span, axis, rate_hz, uses_gyro)
             for span in spans:
-                result = check(pair_of(*checked, span, axis, rate_hz, uses_gyro), baseline, seed, settings)
+                result = _constant(recorded, good_span) or _constant(checked, span)
+                if result is None:
+                    result = check(pair_of(*checked, span, axis, rate_hz, uses_gyro), baseline, seed, settings)
                 checks.append(StretchCheck(number, good_span, span, result))
     return SensorCheck(combined([one.found for one in checks]), "xyz"[axis], rate_hz, uses_gyro, tuple(checks))
+
+
+def _constant(recorded: Recorded, span: Span) -> PairCheck | None:
+    """Why a stretch decides nothing: one of the sensors reads a constant. None where both move."""
+    for whose, stream in (("the reference", recorded.reference), ("the sensor", recorded.under_test)):
+        if not np.ptp(stream.between(span.begin_s, span.end_s).accel_mps2, axis=0).any():
+            return PairCheck("not_decidable", f"{whose} gives one constant reading")
+    return None
 
 
 def _spans(recorded: Recorded, count: int, stretches: StretchSettings, settings: PairSettings) -> list[Span]:

@@ -22,6 +22,12 @@ LEAST_RATE_HZ: Final = 50.0
 LARGEST_STEP_BACK_S: Final = 1.0
 """Stamps that are set back by more do not only arrive out of order."""
 
+LARGEST_STEP_S: Final = 24 * 3600.0
+"""Stamps that step ahead by more come from a clock that was set."""
+
+PAUSE_S: Final = 0.5
+"""A longer step is a pause of the recording, and no sampling period."""
+
 MARGIN_S: Final = 0.25
 """Samples before and after a stretch that are resampled with it."""
 
@@ -48,9 +54,11 @@ class Stream:
 
     @cached_property
     def rate_hz(self) -> float:
-        """The sampling rate, by samples from the middle of the stream."""
-        middle, half = self.stamps_s.size // 2, CLOCK_SAMPLES // 2
-        return 1.0 / fit_clock(self.stamps_s[max(0, middle - half) : middle + half]).period_s
+        """The sampling rate, by samples from the middle of the longest stretch without a pause."""
+        pauses = np.flatnonzero(np.diff(self.stamps_s) > PAUSE_S) + 1
+        longest = max(np.split(self.stamps_s, pauses), key=len)
+        middle, half = longest.size // 2, CLOCK_SAMPLES // 2
+        return 1.0 / fit_clock(longest[max(0, middle - half) : middle + half]).period_s
 
     def between(self, begin_s: float, end_s: float) -> Stream:
         """The samples from one instant up to another."""
@@ -77,6 +85,9 @@ def stream_of(stamps_ns: Integers, accel_mps2: Floats, gyro_radps: Floats | None
     gyro = None if gyro_radps is None else gyro_radps[good]
     if stamps_s.size and float((np.maximum.accumulate(stamps_s) - stamps_s).max()) > LARGEST_STEP_BACK_S:
         raise InputError("its stamps are set back within the recording")
+    ahead_s = float(np.diff(np.maximum.accumulate(stamps_s)).max(initial=0.0))
+    if ahead_s > LARGEST_STEP_S:
+        raise InputError(f"its stamps step ahead by {ahead_s / 3600.0:.0f} h: a clock was set; use --time log")
     order = np.argsort(stamps_s, kind="stable")
     stamps_s, accel = stamps_s[order], accel[order]
     repeated = np.zeros(stamps_s.size, dtype=np.bool_)

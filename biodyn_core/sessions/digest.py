@@ -42,7 +42,8 @@ LOW_PASSED, HIGH, WEIGHTED = 0, 1, 2
 class SensorDigest:
     """One sensor: `push` conditioned blocks and `finish`; `coarse` and `mean` hold its sums.
 
-    mean: of the low-passed vertical acceleration over 20 ms, for the comparison of clocks.
+    mean: of the low-passed vertical acceleration over 20 ms, for the comparison of clocks. is_earlier: whether all its
+    samples are before the seat's.
     """
 
     def __init__(self, conditioner: Conditioner, epoch_ns: int, settings: SessionSettings) -> None:
@@ -52,6 +53,7 @@ class SensorDigest:
         self.mean = Bins(FINE_S, sums=1, short=True)
         self._recut = Recut()
         self._last_s = -np.inf
+        self.is_earlier = False
 
     def push(self, blocks: list[Block]) -> None:
         """Add conditioned blocks; raises InputError for a time that was set back, or far beyond a session."""
@@ -62,6 +64,7 @@ class SensorDigest:
                 self._end_run()
             self._last_s = float(time_s[-1])
             after = time_s >= 0.0  # a sensor may begin before the seat
+            self.is_earlier = not after.any() and not self.coarse.counts.any()
             rows = np.column_stack([time_s, block.levelled_mps2, block.low_passed_mps2])[after]
             for piece in self._recut.push(rows):
                 self._add(piece, block.rate_hz)
@@ -111,7 +114,8 @@ class SensorDigest:
         if time_s[-1] > 3600.0 * self._settings.longest_h:
             raise InputError(
                 f"{self.conditioner.sensor}: its stamps reach {time_s[-1] / 3600.0:.0f} h after the seat's first one,"
-                f" a session has {self._settings.longest_h:g} h at most (longest_h)"
+                f" a session has {self._settings.longest_h:g} h at most (longest_h): if its clock is another one or was"
+                " set, use --time log"
             )
 
     def _end_run(self) -> None:

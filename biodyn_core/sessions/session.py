@@ -217,7 +217,8 @@ class Session:
         """Warnings about sensors, one line each."""
         for name, digest in self._digests.items():
             if not digest.coarse.counts.any():
-                yield f"{name}: {digest.conditioner.fault or digest.status().waiting or 'no samples'}"
+                why = "its stamps are before the seat's: another clock; use --time log" if digest.is_earlier else ""
+                yield f"{name}: {digest.conditioner.fault or digest.status().waiting or why or 'no samples'}"
             yield from (f"{name}: {line}" for line in digest.status().warnings)
 
 

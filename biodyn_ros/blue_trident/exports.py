@@ -172,12 +172,12 @@ def _check_one(place: Path, sensor: str, serial: str, exports: list[Export]) -> 
 
 def _export_of(path: Path) -> Export:
     lines = lines_of(head_of(path))
+    if any(";" in line and line.count(";") > line.count(",") for line in lines[:10]):
+        raise InputError(f"{path}: cells are separated by semicolons: export with commas, and decimal points")
     if lines and is_capture_u(lines):
         return capture_u(path, lines)
     if lines and is_nexus(lines):
         return nexus(path, lines)
-    if any(";" in line and line.count(";") > line.count(",") for line in lines[:10]):
-        raise InputError(f"{path}: cells are separated by semicolons: export with commas, and decimal points")
     raise InputError(
         f"{path}: no export of Capture.U or Nexus: neither unix_timestamp_microsec nor Devices in its first lines"
     )

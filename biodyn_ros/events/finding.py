@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -223,6 +223,7 @@ def read_spans(path: Path) -> list[CaseSpan]:
         raise InputError(f"{path}: cannot be read as a table ({error}){did_you_mean_file(path)}") from None
     table = csv.DictReader(lines, skipinitialspace=True, strict=True)
     try:
+        table.fieldnames = [name.strip().lower() for name in table.fieldnames or ()]
         # Blank lines are no rows: the number of a line is known to the inner reader only.
         spans = [_span(row, f"{path}: line {table.reader.line_num}") for row in table]
     except csv.Error as error:
@@ -237,7 +238,9 @@ def _row(span: CaseSpan) -> str:
     return f"{span.case} from {span.begin_s:g} to {span.end_s:g} s"
 
 
-def _span(row: Mapping[str | None, str | None], where: str) -> CaseSpan:
+def _span(row: Mapping[str | None, Any], where: str) -> CaseSpan:
+    if None in row:  # a decimal comma would make the case a number
+        raise InputError(f"{where}: more cells than columns: write decimal points, and quote a case that has a comma")
     start, end, case = (row.get(name) for name in COLUMNS)
     if start is None or end is None or not case:
         raise InputError(f"{where}: the columns {', '.join(COLUMNS)} are needed, separated by commas")

@@ -133,7 +133,7 @@ def _check_gaps(where: str, time_s: Floats, remedy: str, warn: OnWarning) -> Non
     if steps_s[at] > MAX_STEP_S:
         raise InputError(
             f"{where}: a gap of {steps_s[at]:.4g} s begins {time_s[at] - time_s[0]:.3f} s after the first sample, at"
-            f" most {MAX_STEP_S:g} s is allowed: give the part before or after it, or {remedy}"
+            f" most {MAX_STEP_S:g} s is allowed: give the motion before or after it as a file of its own, or {remedy}"
         )
     count = counted(int(gaps.sum()), "gap", "gaps")
     warn(f"{where}: {count} of up to {1e3 * steps_s[at]:.3g} ms, bridged by straight lines")

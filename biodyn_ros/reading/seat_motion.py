@@ -49,6 +49,9 @@ TIME_UNITS_S: Final = {
 }
 """The unit of a time column in seconds, by its name."""
 
+_TIME_UNIT: Final = re.compile(r"[_ ]?[\[(](s|ms|us|ns)[\])]$")
+"""A unit in brackets, such as in `t [ms]`."""
+
 ACCEL_NAMES: Final = tuple(
     f"{of}{axis}"
     for of in ("a_", "acc_", "accel_", "acceleration_", "linear_acceleration_")
@@ -135,7 +138,8 @@ def _from_csv(path: Path, rate_hz: float | None, warn: OnWarning) -> tuple[Float
     if rate_hz is not None and not 0.0 < rate_hz < np.inf:
         raise InputError(f"--seat-rate {rate_hz:g}: expected a positive number of Hz")
     names, table = _read_table(path)
-    time_column = next((i for i, name in enumerate(names) if name in TIME_UNITS_S), None)
+    units_s = [TIME_UNITS_S.get(_TIME_UNIT.sub(r"_\1", name)) for name in names]
+    time_column = next((i for i, unit_s in enumerate(units_s) if unit_s), None)
     if time_column is None and rate_hz is None:
         near = _near(names, tuple(TIME_UNITS_S))
         raise InputError(f"{path}: no time column among {', '.join(names)}: give --seat-rate{near}")
@@ -143,7 +147,7 @@ def _from_csv(path: Path, rate_hz: float | None, warn: OnWarning) -> tuple[Float
         raise InputError(f"{path}: has the time column {names[time_column]}: omit --seat-rate")
     time_s = np.arange(len(table)) / (rate_hz or 1.0)
     if time_column is not None:
-        time_s = (table[:, time_column] - table[0, time_column]) * TIME_UNITS_S[names[time_column]]
+        time_s = (table[:, time_column] - table[0, time_column]) * (units_s[time_column] or 1.0)
     columns, signs = _accel_columns(path, names)
     accel = table[:, columns] * signs
     check_size(str(path), time_s, accel, ConditioningSettings.saturation_mps2)
