@@ -68,7 +68,8 @@ def test_a_clean_motion_has_no_warning(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "unit_s"), [("time_ms", 1e-3), ("t_us", 1e-6), ("timestamp_ns", 1e-9), ("t [ms]", 1e-3), ("Time (us)", 1e-6)]
+    ("name", "unit_s"),
+    [("time_ms", 1e-3), ("t_us", 1e-6), ("timestamp_ns", 1e-9), ("t [ms]", 1e-3), ("Time (us)", 1e-6)],
 )
 def test_a_time_column_has_the_unit_of_its_name(tmp_path: Path, name: str, unit_s: float) -> None:
     path = table_of(tmp_path / "a.csv", f"{name},az", np.round((1e9 + TIME_S) / unit_s), UP_MPS2)
