@@ -132,7 +132,7 @@ GOOD = {"subject": "anna.yaml", "bags": ["anna.mcap"]}
         ([GOOD | {"cases": {"x": "road"}}], r"subjects\[0\].cases: unknown bag 'x', known are anna.mcap"),
         ([GOOD | {"cases": {"anna.mcap": 3}}], r"subjects\[0\].cases: anna.mcap is 3, expected a text"),
         ([GOOD | {"name": "../x"}], r"subjects\[0\].name: '../x' cannot be a file's"),
-        ([GOOD | {"name": "x\n"}], r"subjects\[0\].name: 'x\\n' cannot be a file's"),
+        ([GOOD | {"name": "x\ny"}], r"subjects\[0\].name is .x\\ny., expected one line"),
         ([GOOD | {"name": ".x"}], r"subjects\[0\].name: '.x' cannot be a file's"),
         ([GOOD, GOOD], r"subjects\[1\].name: anna is the result of subjects\[0\] too; set a name"),
         ([GOOD, GOOD | {"name": "ANNA"}], r"subjects\[1\].name: ANNA is the result of subjects\[0\] too; set a name"),
@@ -361,14 +361,21 @@ def test_a_corrected_event_makes_another_fit(field: Path, tmp_path: Path) -> Non
 
     corrected = [
         dataclasses.replace(part, **change)
-        for change in ({"rest_s": (0.0, 0.9)}, {"rest_s": None}, {"clock_ppm": {"head": 12.5}}, {"rest_bag": rest})
+        for change in (
+            {"rest_s": (0.0, 0.9)},
+            {"rest_s": None},
+            {"clock_ppm": {"head": 12.5}},
+            {"rest_bag": rest},
+            {"mapping": {}},
+            {"time": "log"},
+        )
     ]
-    assert len({of(one) for one in [part, *corrected]}) == 5
+    assert len({of(one) for one in [part, *corrected]}) == 7
     reordered = dataclasses.replace(part, clock_ppm={"neck": 3.0, "head": 12.4}, name="hit")
     assert of(reordered) == of(part)
     copy = tmp_path / "copy.mcap"
     copy.write_bytes(rest.read_bytes())
-    assert of(dataclasses.replace(part, rest_bag=copy)) == of(corrected[-1])
+    assert of(dataclasses.replace(part, rest_bag=copy)) == of(corrected[3])
 
 
 def test_results_do_not_overwrite_inputs(field: Path) -> None:

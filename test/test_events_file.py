@@ -142,9 +142,13 @@ def test_events_are_read_with_the_topics_and_the_clock_of_their_file(place: Path
     assert rest["neck"].mean_mps2 == pytest.approx(plain["head"].mean_mps2, abs=1e-3)
     with open_sensors(part, ReadingOptions(mapping=swapped, time="log")) as again:
         assert set(again.times.values()) == {"log"}
-    with pytest.raises(InputError, match=r"its events were found with neck=imu/head/data .*: omit --map"):
+    with pytest.raises(InputError, match=r"its events were found with .*=imu/.*/data: omit --map"):
         gravity_by_bag([part], ReadingOptions(mapping={"head": "imu/head/data"}), {})
+    with open_sensors(part, ReadingOptions(mapping={"seat": "/of/another/bag"})) as other:
+        assert set(other.times.values()) == {"log"}
     by_header = load_events(place / "session.events.yaml")[0]
+    with open_sensors(by_header, ReadingOptions(mapping={"head": "imu/head/data"})) as same:
+        assert set(same.times.values()) == {"header"}
     with pytest.raises(InputError, match="its events were found by header stamps: run biodyn events with --time log"):
         gravity_by_bag([by_header], ReadingOptions(time="log"), {})
 
@@ -451,6 +455,8 @@ def test_marks_of_the_node_about_the_fit_name_no_condition() -> None:
             "start,end,case\n15,30,rocks\n0,20,a\n",
             "a from 0 to 20 s and rocks from 15 to 30 s overlap: end the first by 15",
         ),
+        ("\n\nstart,end,case\n0,610,5,gravel\n", "line 4: more cells than columns"),
+        ("start,end,case,end\n0,20,a,30\n", "the column end is given twice"),
         ("start,end,case\n0,610,5,gravel\n", "line 2: more cells than columns: write decimal points"),
         ("start,end,case\n0,20,road\n20,30,---\n", "line 3: the case '---' has no letter or digit"),
         ('start,end,case\n0,20,"gravel\n20,30,road\n', "cannot be read as a table .*: is a quote not closed?"),
@@ -466,7 +472,7 @@ def test_a_wrong_table_is_one_line(tmp_path: Path, text: str, message: str) -> N
 
 def test_columns_of_a_table_have_names_in_any_case_and_order(tmp_path: Path) -> None:
     path = tmp_path / "cases.csv"
-    path.write_text("Case , End,START\nroad,20,0.5\n")
+    path.write_text("\nCase , End,START\nroad,20,0.5,,\n")
     assert [(span.begin_s, span.end_s, span.case) for span in read_spans(path)] == [(0.5, 20.0, "road")]
 
 

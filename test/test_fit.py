@@ -304,8 +304,10 @@ def test_a_clock_beyond_the_linear_range_is_named() -> None:
     delays[0, :, 0], delays[0, 0, 1] = [1e-3, -1.9e-3, -2.1e-3, np.nan, 1.9e-3], 1e-4
     found = SimpleNamespace(cases=[case], joint=SimpleNamespace(clock_delays_s=delays))
     pelvis, upper = clock_warnings(found)  # type: ignore[arg-type]
-    assert pelvis.startswith("road_1: pelvis fits best with a clock 1.0 ms late that drifts by 100 ppm; above 2 ms")
-    assert upper.startswith("road_1: upper_torso fits best with a clock -2.1 ms late that drifts by 0 ppm")
+    assert pelvis.startswith(
+        "road_1: pelvis fits best with a clock that is 1.0 ms late and drifts by 100 ppm; above 2 ms"
+    )
+    assert upper.startswith("road_1: upper_torso fits best with a clock that is 2.1 ms early and drifts by 0 ppm")
     found.joint.clock_delays_s = np.empty((0, 5, 2))
     assert not list(clock_warnings(found))  # type: ignore[arg-type]
 
@@ -331,7 +333,7 @@ def test_settings_of_the_paper_are_an_option(bags: dict[str, Path], tmp_path: Pa
         (["{rail_1}", "--case", "other.mcap=road", "--subject", "subject_1"], "no such bag is given"),
         (["{rail_1}", "--profile", "f_n", "--subject", "subject_1"], "not a fitted parameter"),
         (["{rail_1}", "--executor", "cloud", "--subject", "subject_1"], "executor 'cloud'"),
-        (["{rail_1}", "--refine", "nelder-mead", "--subject", "subject_1"], "set clocks to trusted"),
+        (["{rail_1}", "--refine", "nelder-mead", "--subject", "subject_1"], "set clocks to trusted, or refine to least-squares"),
         (
             ["{rail_1}", "--identifiable", "0.3", "--subject", "subject_1"],
             "weakly is 0.25, less than identifiable, 0.3",

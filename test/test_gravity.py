@@ -79,17 +79,30 @@ def test_a_stray_first_stamp_moves_no_rest(stray_s):
     assert found.origin == "rest" and 1.8 <= found.at_s <= 2.4
 
 
-@pytest.mark.parametrize("rest_at_s", [None, 4.5])
-def test_a_sensor_that_repeats_one_reading_is_not_at_rest(rest_at_s):
-    """From 1.5 s on the same reading in motion for 2 s, as after a fault."""
-    samples = swaying(6.2, still=None if rest_at_s is None else (rest_at_s, rest_at_s + 1.2))
-    begin = round(1.5 * RATE_HZ)
-    samples[begin : begin + round(2.0 * RATE_HZ)] = samples[begin]
+@pytest.mark.parametrize("reading", [(0.0, 0.0, -9.8), (9.0, 2.0, 4.0), (0.0, 1.5, 10.5), (0.0, 0.0, 0.0)])
+@pytest.mark.parametrize("rest_at_s", [None, 12.5])
+@pytest.mark.parametrize("begin_s", [0.0, 3.0])
+def test_a_sensor_that_repeats_one_reading_is_at_rest_only_without_another_rest(reading, rest_at_s, begin_s):
+    """The same reading for 8 s, as after a fault, from the begin or later: neither rest nor part of the motion."""
+    samples = swaying(16.0, still=None if rest_at_s is None else (rest_at_s, rest_at_s + 1.2))
+    samples[round(begin_s * RATE_HZ) : round((begin_s + 8.0) * RATE_HZ)] = reading
     found = searched(samples)
-    if rest_at_s is None:
-        assert found.origin == "motion" and found.quietest_mps2 > 0.1
+    if rest_at_s is not None:
+        assert found.origin == "rest" and found.at_s == pytest.approx(rest_at_s, abs=0.4) and not found.is_constant
+        np.testing.assert_allclose(found.mean_mps2, [0.0, 0.0, G], atol=0.1)
+    elif found.is_constant:  # as mounted, or where conditioning begins
+        assert found.mean_mps2 == pytest.approx(reading) and (reading[2] > 10.0 or begin_s == 0.0)
+        assert "repeats one reading: is it stuck?" in found.warning(vertical_given=False)
     else:
-        assert found.origin == "rest" and found.at_s == pytest.approx(rest_at_s, abs=0.4)
+        assert found.origin == "motion"
+        np.testing.assert_allclose(found.mean_mps2, [0.0, 0.0, G], atol=0.6)
+
+
+def test_a_coarse_sensor_is_at_rest_where_it_repeats_one_reading():
+    """Steps of 0.3 m/s^2, which hide the noise."""
+    samples = np.round(swaying(8.0, still=(3.0, 4.5)) / 0.3) * 0.3
+    found = searched(samples)
+    assert found.origin == "rest" and found.is_constant and found.at_s == pytest.approx(3.1, abs=0.3)
 
 
 def test_without_rest_the_mean_over_motion_is_used_with_a_remedy():

@@ -208,12 +208,28 @@ def test_sensors_that_cannot_be_compared_have_a_reason() -> None:
         (Recorded(stream(neck, 120.0, 8.0), stream(head, 20.0, 8.0)), "rate of 20.0 Hz is too low"),
         (Recorded(stream(neck, 120.0, 3.0), stream(head, 101.0, 8.0)), "share 3.0 s, at least 5 s"),
         (Recorded(stream(neck, 120.0, 8.0), stream(head, 101.0, 8.0, 0, 100.0)), "do not overlap"),
-        (Recorded(stream(neck, 120.0, 8.0), stream(still, 101.0, 8.0)), "the sensor gives one constant reading"),
-        (Recorded(stream(still, 120.0, 8.0), stream(head, 101.0, 8.0)), "the reference gives one constant reading"),
+        (Recorded(stream(neck, 120.0, 8.0), stream(head, 1.0, 8.0)), "rate of 1.0 Hz is too low"),
+        (Recorded(stream(still, 120.0, 8.0), stream(still, 101.0, 8.0)), "both sensors give one constant reading"),
     ):
         found = check_sensor(later, [good], 0, StretchSettings(), PairSettings()).finding
         assert found.verdict == "not_decidable"
         assert reason in found.reason
+
+
+@pytest.mark.parametrize("stuck_s", [18.0, 30.0])
+def test_a_sensor_that_is_stuck_in_most_stretches_is_not_without_a_fault(stuck_s: float) -> None:
+    def stuck(time_s: Floats) -> Floats:
+        return np.where((time_s > 30.0 - stuck_s)[:, None], 5.0, head(time_s))
+
+    good = Recorded(stream(neck, 120.0, 8.0), stream(head, 101.0, 8.0))
+    checked = Recorded(stream(neck, 120.0, 30.0), stream(stuck, 101.0, 30.0))
+    found = check_sensor(checked, [good], 0, StretchSettings(), PairSettings(replicates=100)).finding
+    assert found.verdict == "unexplained" and found.decidable >= 2
+    learnt = check_sensor(
+        good, [Recorded(good.reference, stream(still, 101.0, 8.0))], 0, StretchSettings(), PairSettings()
+    )
+    assert learnt.finding.verdict == "not_decidable"
+    assert learnt.finding.reason == "in the good recording the sensor gives one constant reading"
 
 
 def one_check(verdict: Verdict, name: str = "", size: float = 0.0, others: tuple[str, ...] = ()) -> PairCheck:

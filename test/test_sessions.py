@@ -315,6 +315,16 @@ def test_a_seat_that_repeats_one_reading_is_not_at_rest() -> None:
     found = found_in({"seat": (stamps, samples)})
     assert [(rest.begin_s, rest.end_s) for rest in found.rests] == stops
     assert [(fault.kind, fault.begin_s) for fault in found.faults] == [("stuck", 40.0)]
+    assert not [line for line in found.warnings if "repeats one reading" in line]
+
+
+def test_a_coarse_seat_is_at_rest_where_it_repeats_one_reading() -> None:
+    stamps, samples = made(60.0, shaken(60.0, 1.0, begin_s=12.0))
+    coarse = np.round(samples / 0.25) * 0.25
+    found = found_in({"seat": (stamps, coarse)})
+    (rest,) = found.rests
+    assert rest.begin_s == 0.0 and rest.end_s == pytest.approx(12.0, abs=0.5)
+    assert [line for line in found.warnings if line.startswith("seat: repeats one reading in the rest from 0 to 12 s")]
 
 
 def test_a_sensor_by_another_clock_is_named() -> None:
@@ -327,8 +337,10 @@ def test_a_body_sensor_that_repeats_one_reading_in_a_rest_has_no_gravity_there()
     stamps, samples = made(60.0, shaken(60.0, 1.0, begin_s=20.0))
     stuck = samples.copy()
     stuck[: round(20.0 * SEAT_HZ)] = [0.0, 1.0, 9.0]
-    (rest,) = found_in({"seat": (stamps, samples), "head": (stamps, stuck)}).rests
+    found = found_in({"seat": (stamps, samples), "head": (stamps, stuck)})
+    (rest,) = found.rests
     assert set(rest.gravity_mps2) == {"seat"}
+    assert [line for line in found.warnings if line.startswith("head: repeats one reading in the rest from 0 to 20 s")]
 
 
 def test_a_vehicle_that_gathers_speed_smoothly_is_not_at_rest() -> None:

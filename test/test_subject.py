@@ -241,6 +241,10 @@ def test_a_newer_schema_is_refused_with_advice(refused):
     assert "schema 2 is newer" in message and "update" in message
 
 
+def test_a_name_may_be_a_block_of_one_line() -> None:
+    assert Subject.from_dict(changed("name", "anna\n")).name == "anna"
+
+
 @pytest.mark.parametrize("value", ["", "  ", 7, None, ["a"], "a\nb", "a\u2028b", "a\x1b[31m"])
 def test_a_name_that_is_no_text_is_refused(refused, value):
     assert "name is " in refused(changed("name", value))

@@ -228,7 +228,10 @@ def test_the_fit_states_how_many_of_its_events_it_was_fitted_to(made: MadeSubjec
     more = dataclasses.replace(made.used, fit=(*made.used.fit[:3], *made.used.fit[:3]))
     text = "fitted to 3 of the 6 events to fit, the representative one of each condition; mean error "
     assert sentence_of(step, more).startswith(text)
-    assert sentence_of(step, dataclasses.replace(made.used, fit=made.used.fit[:3])).startswith("mean error ")
+    few = dataclasses.replace(made.used, fit=made.used.fit[:3])
+    assert sentence_of(step, few).startswith("mean error ")
+    late = dataclasses.replace(step, facts=dict(step.facts) | {"clocks": ["road_1: head fits best with a clock"]})
+    assert sentence_of(late, few).endswith("; road_1: head fits best with a clock")
 
 
 def test_an_interrupted_run_continues(roads: Roads, tmp_path: Path) -> None:
@@ -463,11 +466,15 @@ def test_the_given_file_of_a_person_is_never_a_result(
     tmp_path: Path, file: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """In the folder of the results, under the name of a result."""
-    given = tmp_path / "anna" / file
+    given = tmp_path / "anna" / file  # the directory of another person
     given.parent.mkdir(parents=True)
     given.write_text(SUBJECT.to_yaml())
     (tmp_path / "s.mcap").touch()
-    campaign = people_file(tmp_path, f"people: [{{subject: anna/{file}, sessions: [s.mcap], name: anna}}]")
+    campaign = people_file(
+        tmp_path,
+        f"people: [{{subject: anna/{file}, sessions: [s.mcap], name: ben}},"
+        f" {{subject: subject_1, sessions: [s.mcap], name: anna}}]",
+    )
     assert main(["subject", "--campaign", str(campaign), "-o", str(tmp_path)]) == 2
     assert f"anna/{file}: is an input, and a result would replace it" in capsys.readouterr().err
     assert given.read_text() == SUBJECT.to_yaml()
@@ -499,7 +506,13 @@ def test_one_that_fails_does_not_stop_the_others(
 
 def errors(fitted: float | None, held_out: float | None, unstable: int) -> dict[str, float | None]:
     """The facts of a fit."""
-    return {"fitted_percent": fitted, "held_out_percent": held_out, "fitted_events": 1, "unstable_events": unstable}
+    return {
+        "fitted_percent": fitted,
+        "held_out_percent": held_out,
+        "fitted_events": 1,
+        "unstable_events": unstable,
+        "clocks": [],
+    }
 
 
 def invented(name: str, directory: Path, **steps: Step) -> MadeSubject:

@@ -69,9 +69,10 @@ _ENDS_LINE: Final = {"Cc", "Zl", "Zp"}
 
 
 def text_of(value: object, where: str) -> str:
-    """A text of one line that is not empty; raises InputError naming the place."""
+    """A text of one line that is not empty, without a newline at its end; raises InputError naming the place."""
     if not isinstance(value, str) or not value.strip():
         raise InputError(f"{where} is {value!r}, expected a text")
+    value = value.rstrip("\n")  # of a block in YAML
     if any(unicodedata.category(character) in _ENDS_LINE for character in value):
         raise InputError(f"{where} is {value!r}, expected one line without control characters")
     return value

@@ -108,7 +108,7 @@ class Subject:
         values = mapping_of(top["parameters"], "parameters", _PARAMETER_KEYS)
         provenance = {} if top.get("provenance") is None else top["provenance"]
         found = cls(
-            name=top["name"],
+            name=text_of(top["name"], "name"),
             body_mass_kg=_number(top["body_mass_kg"], "body_mass_kg"),
             stature_m=_number(top["stature_m"], "stature_m"),
             mass_matrix=top["mass_matrix"],

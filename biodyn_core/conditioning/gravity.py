@@ -31,7 +31,13 @@ IDLING_MPS2: Final = 1.0
 """An idling engine shakes a seat by less, rms: rest_rms_mps2 must not be set higher."""
 
 STUCK_MPS2: Final = 1e-5
-"""A sensor with less rms about its mean reads a constant, as after a fault: that is no rest. Rounding gives 1e-6."""
+"""A sensor with less rms about its mean reads a constant. Rounding gives 1e-6.
+
+It is stuck, or too coarse to show its noise: such a rest counts only without another one.
+"""
+
+SAME_REST_MPS2: Final = 0.2
+"""A reading that is repeated at the begin is right if a rest with noise differs by less: 1.2 deg of tilt."""
 
 PARTS: Final = 4
 """A window at rest may begin at any of so many parts of its length, so that a rest of less than two is found."""
@@ -52,6 +58,7 @@ class Gravity:
     arrival; None at the start, where conditioning finds them, and for another record (source). quietest_mps2: least rms
     of any window of a record without rest. tilted: there is a rest in the record, but mounted otherwise than in motion.
     rates_radps: the mean angular rate at rest, the gyro's bias, where the samples of the rest are not in the record.
+    is_constant: the sensor repeats one reading in this rest.
     """
 
     mean_mps2: Vector
@@ -62,6 +69,7 @@ class Gravity:
     source: str = ""
     tilted: bool = False
     rates_radps: Vector | None = None
+    is_constant: bool = False
 
     @property
     def is_rest(self) -> bool:
@@ -70,6 +78,8 @@ class Gravity:
 
     def warning(self, vertical_given: bool) -> str | None:
         """The origin in one line; None for rest at the start."""
+        if self.is_constant:
+            return f"gravity is from {self.at_s:.1f} s on, where it repeats one reading: is it stuck?"
         if self.origin in ("begin", "session"):
             return None
         if self.origin == "rest":
@@ -109,6 +119,7 @@ class GravitySearch:
         self._slot = self._begin_ns = 0
         self._parts: list[_Part] = []
         self._at_begin: Gravity | None = None
+        self._constant_at_begin: Gravity | None = None
         self._is_faulty = False
 
     @property
@@ -151,7 +162,10 @@ class GravitySearch:
             return
         self._first_window = None
         if not rest.in_motion and self._has_gravity(rest.mean_mps2):
-            self._at_begin = Gravity(rest.mean_mps2, "begin")
+            if window.rms_mps2 > STUCK_MPS2:
+                self._at_begin = Gravity(rest.mean_mps2, "begin")
+            else:
+                self._constant_at_begin = Gravity(rest.mean_mps2, "begin", is_constant=True)
 
     def _add(self, stamps_ns: Integers, samples_mps2: Floats, arrival: Integers) -> None:
         """Sort samples into parts of time, and close complete parts."""
@@ -176,27 +190,37 @@ class GravitySearch:
         self._parts.append(
             _Part(
                 self._begin_ns, self._slot, int(arrival[0]), int(arrival[-1]) + 1, len(samples), samples.sum(axis=0),
-                float((samples**2).sum()),
+                float((samples**2).sum()), len(samples) > 1 and not np.ptp(samples, axis=0).any(),
             )
         )  # fmt: skip
 
     def _of_parts(self) -> Gravity | None:
-        """The first window at rest with the mounting of the motion, else the mean over motion."""
+        """The first window at rest with the mounting of the motion, else the mean over motion.
+
+        A constant reading is taken without any other rest alone.
+        """
         windows = self._windows()
-        quiet = [at for at, window in windows.items() if STUCK_MPS2 < window.rms_mps2 <= self._rest_rms_mps2]
+        quiet = [at for at, window in windows.items() if window.rms_mps2 <= self._rest_rms_mps2]
         resting = {at + k for at in quiet for k in range(PARTS)}
         moving = [part for at, part in enumerate(self._parts) if at not in resting] or self._parts
         if not moving:
-            return None
+            return self._constant_at_begin
         motion = _joined(moving)
         rests = [windows[at] for at in quiet if self._has_gravity(windows[at].mean_mps2)]
-        for window in rests:
-            if angle_deg(window.mean_mps2, motion.mean_mps2) <= MAX_TILT_DEG:
-                return Gravity(window.mean_mps2, "rest", self._seconds_of(window), (window.first, window.end))
+        begin = self._constant_at_begin
+        alike = [one for one in rests if angle_deg(one.mean_mps2, motion.mean_mps2) <= MAX_TILT_DEG]
+        for window in (one for one in alike if not one.is_constant):
+            if begin is not None and math.dist(begin.mean_mps2, window.mean_mps2) <= SAME_REST_MPS2:
+                return replace(begin, is_constant=False)
+            return Gravity(window.mean_mps2, "rest", self._seconds_of(window), (window.first, window.end))
+        if begin is not None:
+            return begin
+        for window in alike:
+            at_s = self._seconds_of(window)
+            return Gravity(window.mean_mps2, "rest", at_s, (window.first, window.end), is_constant=True)
         if not self._has_gravity(motion.mean_mps2):
             return None
-        scatters = (window.rms_mps2 for window in windows.values() if window.rms_mps2 > STUCK_MPS2)
-        quietest_mps2 = None if rests else min(scatters, default=None)
+        quietest_mps2 = None if rests else min((window.rms_mps2 for window in windows.values()), default=None)
         return Gravity(
             motion.mean_mps2, "motion", samples=(motion.first, motion.end), quietest_mps2=quietest_mps2,
             tilted=bool(rests),
@@ -224,7 +248,10 @@ class GravitySearch:
 
 
 class _Part(NamedTuple):
-    """Sums of samples: first stamp, slot in time, first sample and the one after it, count, sum, sum of squares."""
+    """Sums of samples: first stamp, slot in time, first sample and the one after it, count, sum, sum of squares.
+
+    is_constant: one reading is repeated in it, or in a part of it.
+    """
 
     begin_ns: int
     slot: int
@@ -233,6 +260,7 @@ class _Part(NamedTuple):
     size: int
     sum_mps2: Floats
     squares: float
+    is_constant: bool
 
     @property
     def mean_mps2(self) -> Vector:
@@ -251,6 +279,7 @@ def _joined(parts: Sequence[_Part]) -> _Part:
     return _Part(
         parts[0].begin_ns, parts[0].slot, parts[0].first, parts[-1].end, sum(part.size for part in parts),
         np.sum([part.sum_mps2 for part in parts], axis=0), math.fsum(part.squares for part in parts),
+        any(part.is_constant for part in parts),
     )  # fmt: skip
 
 

@@ -58,7 +58,7 @@ class RestWindow:
 
     dropped: samples that are no longer collected. before: samples before the averaged ones. repeated: dropped samples
     with stamp and reading of an earlier one; with clock_only without those of the clock, which are conditioned later.
-    moving_rms_mps2: of the last window, if it moved; None before.
+    moving_rms_mps2: of the last window, if it moved; None before. rms_mps2: of the last window.
     """
 
     def __init__(
@@ -79,6 +79,7 @@ class RestWindow:
         self._first = 0
         self.dropped = 0
         self.moving_rms_mps2: float | None = None
+        self.rms_mps2 = math.inf
         self._broken = False
         self.before = self.repeated = 0
 
@@ -105,6 +106,7 @@ class RestWindow:
             rms_mps2 = _rms_about_mean(window) if len(window) > 1 else math.inf
             moving = self._clock_only or rms_mps2 > self._rms_mps2
             self.moving_rms_mps2 = rms_mps2 if moving and len(window) > 1 else None
+            self.rms_mps2 = rms_mps2
             waited_s = 1e-9 * int(self._stamps_ns[end] - self._stamps_ns[self._first])
             if not moving or waited_s >= self._patience_s or self._broken:
                 return self._drop_as_rest(self._first if moving else self._start, end, moving)

@@ -126,7 +126,9 @@ class FitSettings:
     def __post_init__(self) -> None:
         check_settings(self)
         if self.refine == "nelder-mead" and self.clocks == "estimated":
-            raise InputError("refine nelder-mead does not estimate the delays of clocks: set clocks to trusted")
+            raise InputError(
+                "refine nelder-mead estimates no clocks: set clocks to trusted, or refine to least-squares"
+            )
 
     @property
     def free(self) -> Flags:

@@ -96,19 +96,36 @@ def check_sensor(
         for good_span in found:
             baseline = pair_of(*recorded, good_span, axis, rate_hz, uses_gyro)
             for span in spans:
-                result = _constant(recorded, good_span) or _constant(checked, span)
+                result = _constant(recorded, good_span, checked, span)
                 if result is None:
                     result = check(pair_of(*checked, span, axis, rate_hz, uses_gyro), baseline, seed, settings)
                 checks.append(StretchCheck(number, good_span, span, result))
     return SensorCheck(combined([one.found for one in checks]), "xyz"[axis], rate_hz, uses_gyro, tuple(checks))
 
 
-def _constant(recorded: Recorded, span: Span) -> PairCheck | None:
-    """Why a stretch decides nothing: one of the sensors reads a constant. None where both move."""
-    for whose, stream in (("the reference", recorded.reference), ("the sensor", recorded.under_test)):
-        if not np.ptp(stream.between(span.begin_s, span.end_s).accel_mps2, axis=0).any():
-            return PairCheck("not_decidable", f"{whose} gives one constant reading")
-    return None
+def _constant(good: Recorded, good_span: Span, checked: Recorded, span: Span) -> PairCheck | None:
+    """The check of stretches in which a sensor repeats one reading; None where both move in both recordings.
+
+    In the checked recording a sensor that does so beside one that moves is stuck, which no fault explains.
+    """
+    if whose := _still(good, good_span):
+        return PairCheck("not_decidable", f"in the good recording {whose} one constant reading")
+    whose = _still(checked, span)
+    verdict: Verdict = "not_decidable" if whose == _BOTH else "unexplained"
+    return PairCheck(verdict, f"{whose} one constant reading") if whose else None
+
+
+_BOTH: Final = "both sensors give"
+
+
+def _still(recorded: Recorded, span: Span) -> str:
+    """Which sensors repeat one reading in a stretch, with the verb; empty if none."""
+    reference, under_test = (
+        not np.ptp(stream.between(span.begin_s, span.end_s).accel_mps2, axis=0).any() for stream in recorded
+    )
+    if reference and under_test:
+        return _BOTH
+    return "the reference gives" if reference else "the sensor gives" if under_test else ""
 
 
 def _spans(recorded: Recorded, count: int, stretches: StretchSettings, settings: PairSettings) -> list[Span]:

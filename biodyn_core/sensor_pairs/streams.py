@@ -57,6 +57,7 @@ class Stream:
         """The sampling rate, by samples from the middle of the longest stretch without a pause."""
         pauses = np.flatnonzero(np.diff(self.stamps_s) > PAUSE_S) + 1
         longest = max(np.split(self.stamps_s, pauses), key=len)
+        longest = longest if longest.size > 2 else self.stamps_s  # slower than the pause, which is refused later
         middle, half = longest.size // 2, CLOCK_SAMPLES // 2
         return 1.0 / fit_clock(longest[max(0, middle - half) : middle + half]).period_s
 

@@ -28,11 +28,12 @@ ONE_STOP_S: Final = 5.0
 
 @dataclass(frozen=True)
 class _Quiet:
-    """A quiet part of a session with one mean reading (3,) throughout."""
+    """A quiet part of a session with one mean reading (3,); is_constant: the seat repeats one reading in most of it."""
 
     begin_s: float
     end_s: float
     mean_mps2: Floats
+    is_constant: bool
 
     @property
     def seconds(self) -> float:
@@ -40,7 +41,10 @@ class _Quiet:
 
 
 def find_rests(coarse: Bins, settings: SessionSettings) -> list[tuple[float, float]]:
-    """The stretches in which the seat does not move: quiet for the session, with the mean reading of a stop."""
+    """The stretches in which the seat does not move: quiet for the session, with the mean reading of a stop.
+
+    A seat that repeats one reading is stuck, or too coarse to show its noise: such a rest counts without another alone.
+    """
     s, width_s = settings, coarse.width_s
     there = coarse.counts > 0.0
     if not there.any():
@@ -49,17 +53,17 @@ def find_rests(coarse: Bins, settings: SessionSettings) -> list[tuple[float, flo
     counts = np.where(full, coarse.counts, 1.0)[:, None]
     mean = coarse.sums[:, LEVELLED] / counts
     spread = np.sqrt(np.maximum(coarse.sums[:, SQUARE] / counts[:, 0] - (mean**2).sum(axis=1), 0.0))
-    full &= spread >= STUCK_MPS2
-    if not full.any():
-        return []
-    quietest = float(np.quantile(spread[full], QUIETEST_SHARE))
+    stuck = full & (spread < STUCK_MPS2)
+    varied = full & ~stuck if (full & ~stuck).any() else full
+    quietest = float(np.quantile(spread[varied], QUIETEST_SHARE))
     quiet = full & (spread <= min(s.rest_level_mps2, max(s.rest_floor_mps2, s.rest_ratio * quietest)))
     parts = [
-        _Quiet(begin * width_s, end * width_s, mean[begin:end].mean(axis=0))
+        _Quiet(begin * width_s, end * width_s, mean[begin:end].mean(axis=0), float(stuck[begin:end].mean()) > 0.5)
         for first, last in stretches(quiet)
         for begin, end in _with_one_mean(mean, first, last, s.rest_drift_mps2)
         if (end - begin) * width_s >= s.rest_least_s
     ]
+    parts = [part for part in parts if not part.is_constant] or parts
     return [(part.begin_s, part.end_s) for part in _standing(parts, s.rest_drift_mps2)]
 
 

@@ -109,6 +109,7 @@ class Session:
             statuses={name: digest.status() for name, digest in self._digests.items()},
             warnings=(
                 *self._warnings(),
+                *self._constant(rests),
                 *_moved(rests, self.settings.moved_deg),
                 *(_drift_line(name, drift, seconds, name in drifts) for name, drift in noticeable.items()),
                 *found.left_out,
@@ -132,6 +133,20 @@ class Session:
         }
         known = {name: mean for name, mean in readings.items() if mean and math.hypot(*mean) >= LEAST_GRAVITY_MPS2}
         return Rest(begin_s, end_s, known)
+
+    def _constant(self, rests: Sequence[Rest]) -> Iterator[str]:
+        """A line for each sensor that repeats one reading in a rest."""
+        for name in self._present():
+            digest = self._digests[name]
+            stuck = _stuck(digest)
+            for rest in rests:
+                of_rest = stuck[digest.coarse.extent(rest.begin_s, rest.end_s)]
+                if of_rest.sum() > 0.5 * of_rest.size:
+                    yield (
+                        f"{name}: repeats one reading in the rest from {rest.begin_s:.0f} to {rest.end_s:.0f} s: its"
+                        " gravity is wrong if it was stuck"
+                    )
+                    break
 
     def _event(self, window: Window, rests: Sequence[Rest]) -> Event:
         begin_s, end_s, fine, s = window.begin_s, window.end_s, self._seat.fine, self.settings

@@ -98,7 +98,8 @@ def _people(options: argparse.Namespace) -> int:
         raise InputError("SESSION, --subject and --cases belong to each person: give them in the campaign file")
     people, directory, how = load_people(options.campaign), Path(options.output), how_of(options)
     for person in people:
-        check_given(directory / person.name, person.file)
+        for other in people:  # its file may lie in the directory of another one
+            check_given(directory / other.name, person.file)
     try:
         with executor_of(options.executor) as executor, Progress("people") as progress:
             rows = make_people(people, directory, how, executor, progress)

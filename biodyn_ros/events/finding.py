@@ -218,14 +218,18 @@ def spans_of(marks: Sequence[Mark], seconds: float, bag: str | Path = "") -> lis
 def read_spans(path: Path) -> list[CaseSpan]:
     """The loading conditions of a table with the columns start, end and case, seconds; raises InputError naming it."""
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as a table ({error}){did_you_mean_file(path)}") from None
+    lines = text.lstrip().splitlines()
     table = csv.DictReader(lines, skipinitialspace=True, strict=True)
+    blank = len(text.splitlines()) - len(lines)
     try:
         table.fieldnames = [name.strip().lower() for name in table.fieldnames or ()]
+        if twice := next((name for name in COLUMNS if table.fieldnames.count(name) > 1), None):
+            raise InputError(f"{path}: the column {twice} is given twice")
         # Blank lines are no rows: the number of a line is known to the inner reader only.
-        spans = [_span(row, f"{path}: line {table.reader.line_num}") for row in table]
+        spans = [_span(row, f"{path}: line {blank + table.reader.line_num}") for row in table]
     except csv.Error as error:
         raise InputError(f"{path}: cannot be read as a table ({error}): is a quote not closed?") from None
     for one, other in pairwise(sorted(spans, key=lambda span: span.begin_s)):
@@ -239,7 +243,7 @@ def _row(span: CaseSpan) -> str:
 
 
 def _span(row: Mapping[str | None, Any], where: str) -> CaseSpan:
-    if None in row:  # a decimal comma would make the case a number
+    if any(cell.strip() for cell in row.get(None, ())):  # a decimal comma would make the case a number
         raise InputError(f"{where}: more cells than columns: write decimal points, and quote a case that has a comma")
     start, end, case = (row.get(name) for name in COLUMNS)
     if start is None or end is None or not case:

@@ -204,9 +204,8 @@ def fingerprint(entry: Entry, options: FitOptions) -> str:
 
 
 def _corrections(part: BagPart) -> object:
-    """What an events file says of a part beside its time; it can be edited after a fit."""
-    rest_bag = part.rest_bag and bag_sha256(part.rest_bag)
-    return part.rest_s, rest_bag, sorted(part.clock_ppm.items())
+    """What an events file says of a part beside its time, with the content of the bag of its rest."""
+    return part.rest_bag and bag_sha256(part.rest_bag), part.corrections
 
 
 def page_of(directory: Path) -> Path:

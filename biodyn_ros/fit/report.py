@@ -134,10 +134,10 @@ def clock_warnings(found: Identification) -> Iterator[str]:
         half_s = 0.5 * (len(case.measured_mps2) - case.begin) / case.rate_hz
         for name, (delay_s, growth) in zip(MEASURED_SEGMENTS, delays.tolist(), strict=True):
             if abs(delay_s) + abs(growth) * half_s > LARGEST_DELAY_S:
+                late = f"{1e3 * abs(delay_s):.1f} ms {'late' if delay_s > 0.0 else 'early'}"
                 yield (
-                    f"{case.name}: {name} fits best with a clock {1e3 * delay_s:.1f} ms late that drifts by"
-                    f" {1e6 * growth:.0f} ppm; above {1e3 * LARGEST_DELAY_S:g} ms this makes parameters wrong: correct"
-                    " its stamps"
+                    f"{case.name}: {name} fits best with a clock that is {late} and drifts by {1e6 * growth:.0f} ppm;"
+                    f" above {1e3 * LARGEST_DELAY_S:g} ms parameters are wrong: check its stamps, and its mounting"
                 )
 
 

@@ -210,6 +210,8 @@ def _part(event: object, where: str, path: Path, known: Mapping[str, _KnownBag])
         raise InputError(
             f"{where}: rest_bag {rest_bag!r} is not among the sessions, {known_are(rest_bag, list(known))}"
         )
+    if (known[rest_bag].mapping, known[rest_bag].time) != (known[bag].mapping, known[bag].time):
+        raise InputError(f"{where}: rest_bag {rest_bag!r} was read with another map or time: find both together")
     rest_s = (
         None if given.get("rest_s") is None else _interval(given["rest_s"], f"{where}: rest_s", known[rest_bag].seconds)
     )

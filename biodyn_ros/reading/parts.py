@@ -70,6 +70,15 @@ class BagPart:
         return BagPart(path, begin_s, end_s, mapping=self.mapping, time=self.time)
 
     @property
+    def corrections(self) -> object:
+        """What an events file says of the part beside its time, as a text that is the same for the same reading.
+
+        The file can be edited between two runs.
+        """
+        mapping = None if self.mapping is None else sorted(self.mapping.items())
+        return self.rest_s, sorted(self.clock_ppm.items()), mapping, self.time
+
+    @property
     def label(self) -> str:
         """A name for readers: that of the event with its bag, or the reference."""
         return f"{self.name} of {self.path.name}" if self.name else str(self)

@@ -17,7 +17,7 @@ from biodyn_core.conditioning.conditioned import SensorStatus
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_ros.bag import BagReader, LoggedImu, LogTimes, imu_blocks, open_bag
 from biodyn_ros.base.progress import OnProgress
-from biodyn_ros.reading.mapping import sensors_of
+from biodyn_ros.reading.mapping import imu_topics, sensors_of
 from biodyn_ros.reading.marks import Mark, marks_of
 from biodyn_ros.reading.parts import CLOCK_SHARE, Bag, BagPart, Extent, latest_end_s, part_of
 from biodyn_ros.reading.provenance import is_made_by_model
@@ -56,7 +56,7 @@ class SensorReading:
         self, reader: BagReader, options: ReadingOptions, part: BagPart | None = None, beside_s: float = 0.0
     ) -> None:
         self._reader = reader
-        options = _as_found(part, options)
+        options = _as_found(reader, part, options)
         self._sensors = sensors_of(reader, options.mapping)
         self.conditioning, self._limit_notes = limits_of(reader, self._sensors, options.conditioning)
         self._choices = choose_times(reader, self._sensors, options.time)
@@ -160,14 +160,20 @@ class SensorReading:
         return clock_warnings(clocks, seconds)
 
 
-def _as_found(part: BagPart | None, options: ReadingOptions) -> ReadingOptions:
-    """Options with the topics and the clock of a part's events; raises InputError for other ones."""
+def _as_found(reader: BagReader, part: BagPart | None, options: ReadingOptions) -> ReadingOptions:
+    """Options with the topics and the clock of a part's events; raises InputError if other ones are given.
+
+    Given topics that the bag does not have are of other bags of the same command.
+    """
     if part is None or part.mapping is None:
         return options
     known = dict(part.mapping)
-    if options.mapping and options.mapping != known:
-        topics = " ".join(f"{sensor}={topic}" for sensor, topic in known.items()) or "no --map"
-        raise InputError(f"{part.label}: its events were found with {topics}: omit --map, or run biodyn events again")
+    if set(options.mapping.values()) <= set(imu_topics(reader)):
+        given, found = (sensors_of(reader, mapping) for mapping in (options.mapping or known, known))
+        if other := next((topic for topic, sensor in found.items() if given.get(topic) != sensor), None):
+            raise InputError(
+                f"{part.label}: its events were found with {found[other]}={other}: omit --map, or find them again"
+            )
     if part.time == "header" and options.time == "log":
         raise InputError(f"{part.label}: its events were found by header stamps: run biodyn events with --time log")
     return replace(options, mapping=known, time=part.time or options.time)

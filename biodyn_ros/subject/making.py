@@ -16,6 +16,7 @@ from biodyn_ros.base.files import check_keeps_inputs, exists, keep_copy, make_di
 from biodyn_ros.base.json_files import finite
 from biodyn_ros.events.finding import SessionOptions, find_sessions
 from biodyn_ros.fit.fitting import FitOptions, fit_bags, write_fitted
+from biodyn_ros.fit.report import clock_warnings
 from biodyn_ros.fit.summary import summary_of
 from biodyn_ros.reading.events_file import FoundSession, load_events, write_events
 from biodyn_ros.reading.parts import BagPart
@@ -144,7 +145,8 @@ class _Steps:
             self._page(path.with_name("fitted.fit.html"), lambda: _fit_page(report))
             found = summary_of(report)
             percents = {"fitted_percent": found.fitted_percent, "held_out_percent": found.held_out_percent}
-            counts = {"fitted_events": len(found.fitted), "unstable_events": found.unstable}
+            counts: dict[str, Any] = {"fitted_events": len(found.fitted), "unstable_events": found.unstable}
+            counts["clocks"] = list(clock_warnings(report.identification))
             return {name: finite(percent) for name, percent in percents.items()} | counts
 
         step = self.log.run("fit", key, [path], work)
@@ -247,6 +249,6 @@ def _fit_page(report: Any) -> str:
 def _sources(used: UsedEvents) -> list[tuple[str, object, str | None, object]]:
     """The events with their content, condition, rest and use, for a key."""
     return [
-        (used.uses[str(part)], source_of(part), part.case, (part.rest_bag, part.rest_s, dict(part.clock_ppm)))
+        (used.uses[str(part)], source_of(part), part.case, (part.rest_bag, part.corrections))
         for part in (*used.fit, *used.held_out)
     ]

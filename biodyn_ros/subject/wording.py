@@ -45,12 +45,8 @@ def _fit(facts: Mapping[str, Any], used: UsedEvents | None) -> str:
     some = f"fitted to {fitted} of the {to_fit} events to fit, the representative one of each condition"
     means = {"fitted to": facts["fitted_percent"], "not fitted to": facts["held_out_percent"]}
     known = [f"{number(mean)} % of the rms in the events {which}" for which, mean in means.items() if mean is not None]
-    return "; ".join(
-        filter(
-            None,
-            (some if fitted < to_fit else "", divergence_of(facts), f"mean error {', '.join(known)}" if known else ""),
-        )
-    )
+    mean = f"mean error {', '.join(known)}" if known else ""
+    return "; ".join(filter(None, (some if fitted < to_fit else "", divergence_of(facts), mean, *facts["clocks"])))
 
 
 def _validate(facts: Mapping[str, Any], _: UsedEvents | None) -> str:
