@@ -226,7 +226,7 @@ def test_the_fit_states_how_many_of_its_events_it_was_fitted_to(made: MadeSubjec
     step = made.steps["fit"]
     assert step.facts["fitted_events"] == len({part.case for part in made.used.fit}) == 3
     more = dataclasses.replace(made.used, fit=(*made.used.fit[:3], *made.used.fit[:3]))
-    text = "fitted to 3 of the 6 events to fit, the representative one of each condition; mean error "
+    text = "fitted to the representative event of each condition, 3 of 6; mean error "
     assert sentence_of(step, more).startswith(text)
     few = dataclasses.replace(made.used, fit=made.used.fit[:3])
     assert sentence_of(step, few).startswith("mean error ")

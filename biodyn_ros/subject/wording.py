@@ -42,7 +42,7 @@ def _events(facts: Mapping[str, Any], used: UsedEvents | None) -> str:
 
 def _fit(facts: Mapping[str, Any], used: UsedEvents | None) -> str:
     to_fit, fitted = len(used.fit) if used else 0, facts["fitted_events"]
-    some = f"fitted to {fitted} of the {to_fit} events to fit, the representative one of each condition"
+    some = f"fitted to the representative event of each condition, {fitted} of {to_fit}"
     means = {"fitted to": facts["fitted_percent"], "not fitted to": facts["held_out_percent"]}
     known = [f"{number(mean)} % of the rms in the events {which}" for which, mean in means.items() if mean is not None]
     mean = f"mean error {', '.join(known)}" if known else ""
