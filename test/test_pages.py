@@ -26,7 +26,7 @@ from streams import simulated, subject
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS
 from biodyn_core.body.model import Chain
-from biodyn_core.body.parameters import PARAMETERS
+from biodyn_core.body.parameters import PARAMETERS, UNFITTED
 from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.identification.phase1 import SwarmSettings
 from biodyn_core.identification.problem import Case
@@ -254,6 +254,14 @@ def test_the_page_of_a_fit_has_the_numbers_of_its_document(fitted: FitReport, pa
             assert expected + document["identifiable"][name] in svg_text(page), name
     assert "None requested: use --profile NAME" in text and "The mass scale was fixed" in text
     assert text.count(MADE_BY_MODEL) == 1 and "3 of 3 recordings: " in text
+
+
+def test_a_person_without_parameters_is_compared_with_the_middle_of_table_1(fitted: FitReport, page: str) -> None:
+    unfitted = dataclasses.replace(fitted, given=dataclasses.replace(fitted.given, parameters=UNFITTED))
+    with empty_drawings():
+        other = Page(fit_page(unfitted)).text
+    assert "given subject" in Page(page).text and "middle of Table 1" not in Page(page).text
+    assert "middle of Table 1" in other and "given subject" not in other
 
 
 def test_every_drawing_of_a_fit_names_quantity_and_unit(page: str) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from biodyn_core.base.segments import MEASURED_SEGMENTS
+from biodyn_core.body.parameters import is_fitted
 from biodyn_core.identification.fit import predictions
 from biodyn_core.identification.problem import errors
 from biodyn_core.tracing.findings import ComparedEvent, Use
@@ -42,6 +43,7 @@ def fit_page(report: Report) -> str:
         found=report.identification,
         fits=list(zip(report.fitted, report.identification.fits, strict=True)),
         version=__version__,
+        before="given subject" if is_fitted(report.given.parameters) else "middle of Table 1",
         verdict=fit_verdict(summary_of(report)),
         remarks=list(remarks(report)),
         limitations=limitations(report),
