@@ -88,7 +88,7 @@ def exposures(runs: Sequence[PredictedRun], rate_hz: float, subject: Subject) ->
         for name, meter in {SEAT: of_seat, **meters}.items()
     }
     spreads, no_interval = _spreads(runs, rate_hz, subject, suspect)
-    none = [np.zeros_like(flags) for flags in of_losses]  # a window begins anew after masked samples: nothing raises it
+    none = [np.zeros_like(flags) for flags in of_losses]  # HIC has no weighting that masked samples could restart
     return Exposures(
         seat=of_seat.since_reset()[0],
         measured={name: Compared(*meter.since_reset()).measured for name, meter in meters.items()},
