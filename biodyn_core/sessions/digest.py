@@ -28,9 +28,6 @@ FINE_S: Final = 0.02
 SET_BACK_S: Final = 0.5
 """A run that begins so long before the end of the last one comes from a clock that was set back."""
 
-STUCK_MPS2: Final = 1e-6
-"""A sensor with less rms about its mean over half a second gives one constant reading: it is stuck, not at rest."""
-
 LEVELLED: Final = slice(0, 3)
 SQUARE: Final = 3
 """Columns of a sensor's sums: levelled acceleration x, y, z and the square of its length."""

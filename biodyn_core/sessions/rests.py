@@ -14,9 +14,10 @@ from typing import Final
 import numpy as np
 
 from biodyn_core.base.arrays import Floats
+from biodyn_core.conditioning.gravity import STUCK_MPS2
 from biodyn_core.recording.flags import stretches
 from biodyn_core.sessions.bins import Bins
-from biodyn_core.sessions.digest import LEVELLED, SQUARE, STUCK_MPS2
+from biodyn_core.sessions.digest import LEVELLED, SQUARE
 from biodyn_core.sessions.settings import SessionSettings
 
 QUIETEST_SHARE: Final = 0.05

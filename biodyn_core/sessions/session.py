@@ -17,7 +17,7 @@ from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.base.wording import counted
 from biodyn_core.body.model import WARM_UP_S
 from biodyn_core.conditioning.conditioner import Conditioner, SettingsOf, settings_for
-from biodyn_core.conditioning.gravity import IDLING_MPS2, Gravity, angle_deg
+from biodyn_core.conditioning.gravity import IDLING_MPS2, STUCK_MPS2, Gravity, angle_deg
 from biodyn_core.conditioning.tilt import LEAST_GRAVITY_MPS2, Vector
 from biodyn_core.recording.flags import stretches
 from biodyn_core.sessions.cases import named
@@ -27,7 +27,6 @@ from biodyn_core.sessions.digest import (
     LEVELLED,
     LOW_PASSED,
     SQUARE,
-    STUCK_MPS2,
     WEIGHTED,
     SeatDigest,
     SensorDigest,
