@@ -16,7 +16,7 @@ import numpy as np
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.sampling_rate import MAX_RATE_HZ, MIN_RATE_HZ, RATE_TOLERANCE
-from biodyn_core.base.segments import HEAD, SEAT, STANDARD_GRAVITY_MPS2
+from biodyn_core.base.segments import HEAD, SEAT
 from biodyn_core.conditioning.conditioned import Block, SensorStatus, lost_samples
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
 from biodyn_core.conditioning.gravity import Gravity, GravitySearch
@@ -25,6 +25,7 @@ from biodyn_core.conditioning.rails import Clipping
 from biodyn_core.conditioning.rest import Rest
 from biodyn_core.conditioning.rest_search import RestSearch
 from biodyn_core.conditioning.runs import Runs
+from biodyn_core.conditioning.sensor_warnings import clock_warnings, gravity_warnings, repeated_reading_warnings
 from biodyn_core.conditioning.tilt import UP, Vector, gravity_and_vertical, rotation_to_vertical
 from biodyn_core.kernels import rails
 from biodyn_core.kernels import sensor as kernel
@@ -39,28 +40,6 @@ Mode = Literal["causal", "zero_phase", "survey", "rest"]
 RATE_PER_CUTOFF: Final = 2.5
 CLOCK_TIME_CONSTANT_S: Final = 5.0
 """Of the loop that tracks a sensor's clock: slow enough to average jitter, fast enough for any drift of a quartz."""
-
-MAX_JITTER: Final = 0.35
-"""With more mean jitter than so many periods, stamps do not show lost samples."""
-
-MAX_COARSE_JITTER: Final = 0.45
-"""The same for quantised stamps: up to a quantum of 1.8 periods each single loss is found (by simulation)."""
-
-QUANTUM_JITTERS: Final = 4.0
-"""A quantum is so many times the mean jitter of stamps that are rounded to it."""
-
-LEAST_READINGS: Final = 100
-"""So many readings before clear changes show whether a driver sends each one several times."""
-
-LEAST_REGULAR: Final = 0.5
-"""It does if at least this share of them is sent as often as the one before."""
-
-LEAST_SENT: Final = 1.9
-"""It does if these are sent so often on average."""
-
-GRAVITY_TOLERANCE: Final = 0.05
-MAX_RATE_CHANGE: Final = 0.0199
-"""The tracked rate stays within 2 % of that at rest; so close to this bound it is no longer tracked."""
 
 LEAST_SHARE: Final = 0.1
 """An axis within 6 degrees of the horizontal has less than this share in the vertical, and no part in its figures."""
@@ -339,41 +318,16 @@ class Conditioner:
             raise InputError(f"a rate of {rate_hz:.4g} Hz does not fit, {least:g} to {MAX_RATE_HZ:g} Hz are needed")
 
     def _warnings(self, clipping: Clipping) -> list[str]:
+        """What is wrong with the sensor, one line each."""
         railing = clipping.warning(self.settings.saturation_mps2)
         lines = [railing] if railing else []
-        if self.rest is not None:
-            if self.rest.in_motion:
-                lines.append("no rest found: gravity was averaged over motion")
-            if self.gravity is not None and (line := self.gravity.warning(self._given_vertical is not None)):
-                lines.append(line)
-            if abs(self._gravity_mps2 / STANDARD_GRAVITY_MPS2 - 1.0) > GRAVITY_TOLERANCE:
-                lines.append(f"gravity at rest reads {self._gravity_mps2:.2f} m/s^2: gain, unit or mounting is wrong")
-            lines += self._clock_warnings(self.rest) + self._held_warnings()
-        return lines
-
-    def _clock_warnings(self, rest: Rest) -> list[str]:
-        lines = []
-        period_s, nominal_s, jitter_s = self._state[[kernel.PERIOD, kernel.NOMINAL, kernel.JITTER]].tolist()
-        if abs(period_s / nominal_s - 1.0) > MAX_RATE_CHANGE:
-            lines.append("the rate differs by 2 % from that at rest: unnoticed losses, or a change by the driver")
-        if rest.coarse and jitter_s > MAX_COARSE_JITTER * rest.period_s:
-            shared = f"several samples share a stamp (about {1e3 * QUANTUM_JITTERS * jitter_s:.2g} ms)"
-            lines.append(f"{shared}: shorter losses may not be counted")
-        elif not rest.coarse and jitter_s > MAX_JITTER * rest.period_s:
-            lines.append(f"stamps jitter by {1e3 * jitter_s:.2g} ms, too much to detect lost samples")
-        return lines
-
-    def _held_warnings(self) -> list[str]:
-        """A warning where a driver sends each reading several times: even stamps then pretend a faster sensor."""
-        readings, regular, sent = self._counts[[kernel.READINGS, kernel.REGULAR, kernel.REGULAR_SENT]].tolist()
-        if readings < LEAST_READINGS or regular < LEAST_REGULAR * readings or sent < LEAST_SENT * regular:
-            return []
-        times = sent / regular
-        own_hz = self.rate_hz / times
-        line = f"each reading is sent {round(times, 1):g} times: the sensor measures at about {own_hz:.0f} Hz"
-        if own_hz < self._least_rate_hz * (1.0 - RATE_TOLERANCE):
-            line += f", and motion above {0.5 * own_hz:.0f} Hz gives wrong figures"
-        return [line]
+        if self.rest is None:
+            return lines
+        lines += gravity_warnings(self._gravity_mps2, self.rest, self.gravity, self._given_vertical is not None)
+        period_s, jitter_s = self._state[[kernel.PERIOD, kernel.JITTER]].tolist()
+        lines += clock_warnings(self.rest, period_s, jitter_s)
+        readings, regular, regular_sent = self._counts[[kernel.READINGS, kernel.REGULAR, kernel.REGULAR_SENT]].tolist()
+        return lines + repeated_reading_warnings(readings, regular, regular_sent, self.rate_hz, self._least_rate_hz)
 
     # --- runs --------------------------------------------------------------------------------------------------------
 

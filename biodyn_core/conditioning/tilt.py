@@ -13,6 +13,9 @@ from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 Vector = tuple[float, float, float]
 
 LEAST_GRAVITY_MPS2: Final = 0.5 * STANDARD_GRAVITY_MPS2
+GRAVITY_TOLERANCE: Final = 0.05
+"""Largest relative difference of a sensor's gravity from the standard one."""
+
 UP: Final = (0.0, 0.0, 1.0)
 
 MAX_COSINE: Final = 0.9
@@ -23,6 +26,11 @@ MAX_YAW_COSINE: Final = 0.985
 
 Nearer to it 1 degree of tilt would turn its projection by 6 degrees and more.
 """
+
+
+def is_gravity(mean_mps2: float) -> bool:
+    """Whether the mean reading of a sensor can be gravity."""
+    return abs(mean_mps2 / STANDARD_GRAVITY_MPS2 - 1.0) <= GRAVITY_TOLERANCE
 
 
 def gravity_and_vertical(mean_mps2: Vector, given: Vector | None) -> tuple[float, Vector | None]:

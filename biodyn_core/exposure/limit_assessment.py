@@ -13,9 +13,8 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
-from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.base.wording import counted, number, number_below
-from biodyn_core.conditioning.conditioner import GRAVITY_TOLERANCE
+from biodyn_core.conditioning.tilt import is_gravity
 from biodyn_core.exposure.limits import KINDS, Kind, Limits, LimitSet, Measure
 from biodyn_core.exposure.losses import Losses
 from biodyn_core.exposure.meters import Dose, HorizontalMeter
@@ -412,7 +411,7 @@ def _uncertainty(quality: DataQuality, seconds: float, axes: _Axes) -> str | Non
 def _gravity_error(quality: DataQuality) -> str | None:
     """Description of a wrong gravity of the seat, None if it is right."""
     gravity = quality.gravity_mps2
-    if gravity is not None and abs(gravity / STANDARD_GRAVITY_MPS2 - 1.0) <= GRAVITY_TOLERANCE:
+    if gravity is not None and is_gravity(gravity):
         return None
     reads = "nothing" if gravity is None else f"{gravity:.2f} m/s^2"
     return f"the seat reads {reads} for gravity, so its gain, unit or mounting may be wrong"

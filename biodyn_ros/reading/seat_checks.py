@@ -9,9 +9,8 @@ import numpy as np
 
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.errors import InputError
-from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.base.wording import counted
-from biodyn_core.conditioning.conditioner import GRAVITY_TOLERANCE
+from biodyn_core.conditioning.tilt import is_gravity
 from biodyn_core.kernels.sensor import IMPLAUSIBLE
 
 OnWarning = Callable[[str], None]
@@ -69,7 +68,7 @@ def check_mean(where: str, accel: Floats, warn: OnWarning) -> None:
                 f"{where}: the mean acceleration is {mean:.2f}, so the values are in {unit}: m/s^2 are needed, with"
                 " gravity or with a mean of zero"
             )
-    if mean > IN_G[1] and abs(mean / STANDARD_GRAVITY_MPS2 - 1.0) > GRAVITY_TOLERANCE:
+    if mean > IN_G[1] and not is_gravity(mean):
         warn(f"{where}: the mean acceleration is {mean:.2f} m/s^2, neither gravity nor zero: gain or unit may be wrong")
 
 
