@@ -146,6 +146,12 @@ def test_events_are_read_with_the_topics_and_the_clock_of_their_file(place: Path
         gravity_by_bag([part], ReadingOptions(mapping={"head": "imu/head/data"}), {})
     with open_sensors(part, ReadingOptions(mapping={"seat": "/of/another/bag"})) as other:
         assert set(other.times.values()) == {"log"}
+        assert "--map seat=/of/another/bag has no effect: no such Imu topic, its events were found with seat=imu/" in (
+            "\n".join(other.bag_warnings())
+        )
+    mapping = {"seat": "/of/another/bag", "head": "imu/pelvis/data"}
+    with pytest.raises(InputError, match=r"its events were found with head=imu/neck/data: omit --map"):
+        gravity_by_bag([part], ReadingOptions(mapping=mapping), {})
     by_header = load_events(place / "session.events.yaml")[0]
     with open_sensors(by_header, ReadingOptions(mapping={"head": "imu/head/data"})) as same:
         assert set(same.times.values()) == {"header"}

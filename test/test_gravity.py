@@ -17,8 +17,9 @@ from streams import independent_streams, info, noisy_streams, subject, write_bag
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SENSORS
 from biodyn_core.body.synthesis import ImuStream
-from biodyn_core.conditioning.conditioner import ConditioningSettings, gravity_search
-from biodyn_core.conditioning.gravity import Gravity, from_other_record
+from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
+from biodyn_core.conditioning.gravity import Gravity, from_other_record, gravity_in_rest
+from biodyn_core.conditioning.gravity_search import GravitySearch
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_ros.commands.cli import main
 from biodyn_ros.fit.fitting import FitOptions, fit_bags
@@ -41,7 +42,7 @@ def swaying(seconds: float, size: float = 3.0, seed: int = 0, still: tuple[float
 
 def searched(samples: np.ndarray, cuts=(), stamps_ns=None, **settings_: float) -> Gravity | None:
     """The result of a search of the record."""
-    search = gravity_search(ConditioningSettings(**settings_), None)
+    search = GravitySearch(ConditioningSettings(**settings_))
     stamps_ns = stamps(len(samples)) if stamps_ns is None else stamps_ns
     for part in zip(np.split(stamps_ns, cuts), np.split(samples, cuts), strict=True):
         search.push(*part)
@@ -71,10 +72,11 @@ def test_rest_is_found_anywhere(begin_s):
     assert "no rest at the start: gravity is from the rest at" in found.warning(vertical_given=False)
 
 
-@pytest.mark.parametrize("stray_s", [-3600.0, 3600.0])
-def test_a_stray_first_stamp_moves_no_rest(stray_s):
+@pytest.mark.parametrize("stray_s", [-1e9, -3600.0, -30.0, 3600.0])
+@pytest.mark.parametrize("count", [1, 3])
+def test_stray_first_stamps_move_no_rest(stray_s, count):
     samples, stamps_ns = swaying(6.2, still=(2.0, 3.2)), stamps(round(6.2 * RATE_HZ))
-    stamps_ns[0] += round(1e9 * stray_s)
+    stamps_ns[:count] += round(1e9 * stray_s)
     found = searched(samples, stamps_ns=stamps_ns)
     assert found.origin == "rest" and 1.8 <= found.at_s <= 2.4
 
@@ -103,6 +105,74 @@ def test_a_coarse_sensor_is_at_rest_where_it_repeats_one_reading():
     samples = np.round(swaying(8.0, still=(3.0, 4.5)) / 0.3) * 0.3
     found = searched(samples)
     assert found.origin == "rest" and found.is_constant and found.at_s == pytest.approx(3.1, abs=0.3)
+
+
+def coarse_ride(stop: bool) -> np.ndarray:
+    """Steps of 0.3 m/s^2, larger than the noise: 10 s at rest, 10 s in which speed is gathered smoothly, and a stop."""
+    samples = swaying(30.0, still=(0.0, 30.0) if stop else (0.0, 20.0))
+    gathers = slice(round(10.0 * RATE_HZ), round(20.0 * RATE_HZ))
+    ramp = np.minimum(1.0, np.arange(gathers.stop - gathers.start) / (2.0 * RATE_HZ))
+    samples[gathers] += np.outer(ramp, [1.35, 0.0, 0.0])
+    return np.round(samples / 0.3) * 0.3
+
+
+def test_a_coarse_sensor_that_returns_to_its_reading_after_motion_is_at_rest():
+    """A smooth acceleration shows noise, and is no rest all the same."""
+    samples = coarse_ride(stop=True)
+    found = searched(samples)
+    assert found.origin == "begin" and not found.is_constant and found.warning(vertical_given=False) is None
+    np.testing.assert_allclose(found.mean_mps2, samples[0], atol=1e-9)
+
+
+def test_a_rest_beside_a_stuck_begin_says_so():
+    found = searched(coarse_ride(stop=False))
+    assert found.origin == "rest" and found.stuck_at_s == 0.0
+    line = found.warning(vertical_given=False)
+    assert line.startswith("gravity is from the rest at 1") and "from 0.0 s on it repeats another reading" in line
+
+
+@pytest.mark.parametrize(("reading", "is_right"), [((1.2, 0.4, 9.8), False), ((0.3, 0.1, 9.8), True)])
+def test_a_reading_that_is_repeated_amid_motion_must_agree_with_the_mean_over_motion(reading, is_right):
+    samples = swaying(12.0)
+    samples[round(4.0 * RATE_HZ) : round(5.5 * RATE_HZ)] = reading
+    found = searched(samples)
+    assert (found.origin == "rest" and found.is_constant) == is_right
+    if not is_right:
+        assert found.origin == "motion" and not found.tilted and found.stuck_at_s == pytest.approx(4.1, abs=0.2)
+        assert "on it repeats another reading: was it stuck?" in found.warning(vertical_given=False)
+
+
+def test_a_single_glitch_of_a_stuck_sensor_is_no_motion():
+    samples = swaying(12.0, still=None)
+    samples[: round(6.0 * RATE_HZ)] = (1.2, 0.4, 9.8)
+    samples[round(3.0 * RATE_HZ)] += 5.0
+    assert searched(samples).is_constant
+
+
+def test_another_record_lends_a_repeated_reading_only_without_another_rest():
+    own = Gravity((1.0, 2.0, 9.5), "motion")
+    stuck = Gravity((1.1, 2.0, 9.5), "begin", is_constant=True)
+    still = Gravity((1.2, 2.1, 9.4), "rest", 3.0)
+    lent = from_other_record(own, [("a.mcap", stuck), ("b.mcap", still)])
+    assert (lent.source, lent.is_constant) == ("b.mcap", False)
+    lent = from_other_record(own, [("a.mcap", stuck)])
+    assert lent.mean_mps2 == stuck.mean_mps2
+    assert lent.warning(False) == "gravity is from 0.0 s on in a.mcap, where it repeats one reading: is it stuck?"
+
+
+@pytest.mark.parametrize("share", [0.0, 0.4, 0.8])
+def test_gravity_in_a_rest_leaves_out_the_part_in_which_the_sensor_is_stuck(share):
+    samples = swaying(10.0, still=(0.0, 10.0))
+    samples[: round(share * len(samples))] = (1.6, 0.4, 9.6)
+    found = gravity_in_rest(samples, np.full(samples.shape, np.nan))
+    np.testing.assert_allclose(found.mean_mps2, [0.0, 0.0, G], atol=1e-3)
+
+
+def test_gravity_in_a_rest_keeps_what_a_coarse_sensor_repeats_and_needs_a_change():
+    coarse = np.round(swaying(10.0, still=(0.0, 10.0)) / 0.1) * 0.1
+    coarse[::500] += 0.1
+    np.testing.assert_allclose(gravity_in_rest(coarse, coarse * np.nan).mean_mps2, coarse.mean(axis=0), rtol=1e-12)
+    assert gravity_in_rest(np.tile([0.0, 0.0, G], (5000, 1)), np.full((5000, 3), np.nan)) is None
 
 
 def test_without_rest_the_mean_over_motion_is_used_with_a_remedy():
@@ -368,7 +438,8 @@ def test_events_that_cannot_be_used_are_left_out_by_name(short_bags: dict[str, P
     assert [line.split(".mcap")[0].rsplit("/")[-1] for line in found.left_out] == ["road_second", "road_still"]
     assert "are too short" in found.left_out[0] and "without excitation" in found.left_out[1]
     lent = found.prepared[1][1].warnings
-    assert any("seat: no rest in the record: gravity is from the rest in road_whole.mcap" in line for line in lent)
+    # This seat has no noise at rest.
+    assert any("seat: gravity is from 0.0 s on in road_whole.mcap, where it repeats one" in line for line in lent)
 
 
 def test_a_fit_leaves_out_recordings_and_stops_only_without_any(
@@ -407,6 +478,6 @@ def test_gravity_from_rest_at_the_start_has_no_warning() -> None:
 
 
 def test_a_record_without_usable_samples_has_no_gravity() -> None:
-    search = gravity_search(ConditioningSettings(), None)
+    search = GravitySearch()
     search.push(np.array([1, 2], dtype=np.int64), np.full((2, 3), np.nan))
     assert search.result() is None

@@ -302,7 +302,8 @@ def test_peaks_of_a_rough_road_are_no_shocks() -> None:
     assert any(event.shocks for event in by_peak.events)
 
 
-def test_a_seat_that_repeats_one_reading_is_not_at_rest() -> None:
+@pytest.mark.parametrize("reading", [(0.0, 0.0, 2.0), (30.0, 40.0, 120.0)])
+def test_a_seat_that_repeats_one_reading_is_not_at_rest(reading: tuple[float, ...]) -> None:
     """Two stops with an engine that idles, and between them the same reading in motion for 8 s, as after a fault."""
     idling = 0.3 * np.sin(2.0 * np.pi * 25.0 * np.arange(round(90.0 * SEAT_HZ)) / SEAT_HZ)
     motion = shaken(90.0, 1.0, begin_s=12.0)
@@ -311,7 +312,7 @@ def test_a_seat_that_repeats_one_reading_is_not_at_rest() -> None:
     stops = [(rest.begin_s, rest.end_s) for rest in found_in({"seat": (stamps, samples)}).rests]
     assert len(stops) == 2 and sum(end - begin for begin, end in stops) > 20.0
     begin = round(40.0 * SEAT_HZ)
-    samples[begin : begin + round(8.0 * SEAT_HZ)] = samples[begin] + [0.0, 0.0, 2.0]
+    samples[begin : begin + round(8.0 * SEAT_HZ)] = samples[begin] + reading
     found = found_in({"seat": (stamps, samples)})
     assert [(rest.begin_s, rest.end_s) for rest in found.rests] == stops
     assert [(fault.kind, fault.begin_s) for fault in found.faults] == [("stuck", 40.0)]
@@ -325,6 +326,33 @@ def test_a_coarse_seat_is_at_rest_where_it_repeats_one_reading() -> None:
     (rest,) = found.rests
     assert rest.begin_s == 0.0 and rest.end_s == pytest.approx(12.0, abs=0.5)
     assert [line for line in found.warnings if line.startswith("seat: repeats one reading in the rest from 0 to 12 s")]
+
+
+def test_a_coarse_seat_that_returns_to_its_reading_is_at_rest_and_not_where_it_gathers_speed() -> None:
+    """Steps of 0.16 m/s^2: without noise at the three stops, with noise where the speed changes smoothly."""
+    stamps, samples = made(170.0, shaken(170.0, 1.2))
+    smooth = np.random.default_rng(3).standard_normal(len(samples))
+    for begin_s, end_s, ahead in ((0, 20, 0.0), (20, 30, 1.2), (70, 80, -1.2), (80, 95, 0.0), (95, 105, 1.2),
+                                  (145, 155, -1.2), (155, 170, 0.0)):  # fmt: skip
+        here = slice(round(begin_s * SEAT_HZ), round(end_s * SEAT_HZ))
+        samples[here] = [0.06 + ahead, -0.04, G]
+        samples[here] += 0.2 * smooth[here, None] * [0.0, 0.0, abs(ahead)] + 0.004 * smooth[here, None]
+    found = found_in({"seat": (stamps, np.round(samples / 0.16) * 0.16)})
+    assert [rest.begin_s for rest in found.rests] == pytest.approx([1.0, 80.0, 155.0], abs=1.0)
+    assert all(rest.gravity_mps2["seat"][0] == pytest.approx(0.0, abs=0.1) for rest in found.rests)
+
+
+@pytest.mark.parametrize("share", [0.4, 0.8])
+def test_a_rest_leaves_out_the_part_in_which_a_sensor_is_stuck(share: float) -> None:
+    stamps, samples = made(60.0, shaken(60.0, 1.0, begin_s=20.0))
+    stuck = samples.copy()
+    stuck[: round(20.0 * share * SEAT_HZ)] = [0.0, 1.6, 9.6]
+    found = found_in({"seat": (stamps, samples), "head": (stamps, stuck)})
+    (rest,) = found.rests
+    assert rest.gravity_mps2["head"] == pytest.approx((0.0, 0.0, G), abs=0.01)
+    assert "head: repeats one reading in a part of the rest from 0 to 20 s: its gravity leaves this part out" in (
+        found.warnings
+    )
 
 
 def test_a_sensor_by_another_clock_is_named() -> None:

@@ -19,7 +19,7 @@ from biodyn_core.base.sampling_rate import MAX_RATE_HZ, MIN_RATE_HZ, RATE_TOLERA
 from biodyn_core.base.segments import HEAD, SEAT
 from biodyn_core.conditioning.conditioned import Block, SensorStatus, lost_samples
 from biodyn_core.conditioning.conditioning_settings import ConditioningSettings
-from biodyn_core.conditioning.gravity import Gravity, GravitySearch
+from biodyn_core.conditioning.gravity import Gravity
 from biodyn_core.conditioning.low_pass import group_delay_s, low_pass_sections, reach, zero_phase
 from biodyn_core.conditioning.rails import Clipping
 from biodyn_core.conditioning.rest import Rest
@@ -55,13 +55,6 @@ _Columns = tuple[Integers, Floats, Floats, Floats]
 
 _Buffers = tuple[Integers, Floats, Floats, Floats, Floats, Integers]
 """The same, raw readings (n, 3) m/s^2, and the index (n,) of each sample, -1 where interpolated."""
-
-
-def gravity_search(settings: ConditioningSettings | None, vertical: Vector | None) -> GravitySearch:
-    """A search for rest in a whole record, by the settings of a sensor."""
-    s = settings or ConditioningSettings()
-    implausible_mps2 = kernel.IMPLAUSIBLE * s.saturation_mps2
-    return GravitySearch(s.rest_s, s.rest_rms_mps2, s.max_gap_s, implausible_mps2, vertical)
 
 
 def settings_for(sensor: str, conditioning: SettingsOf) -> ConditioningSettings | None:

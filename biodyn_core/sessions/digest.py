@@ -11,11 +11,13 @@ from typing import Final
 import numpy as np
 import scipy
 
-from biodyn_core.base.arrays import Floats, Integers
+from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.conditioning.conditioned import Block, SensorStatus
 from biodyn_core.conditioning.conditioner import Conditioner
+from biodyn_core.conditioning.gravity import SAME_REST_MPS2
 from biodyn_core.conditioning.tilt import Vector, rotation_to_vertical
+from biodyn_core.recording.flags import around
 from biodyn_core.sessions.bins import Bins, Recut
 from biodyn_core.sessions.settings import SessionSettings
 from biodyn_core.signals.waterfall import Waterfall, WaterfallMeter
@@ -30,7 +32,8 @@ SET_BACK_S: Final = 0.5
 
 LEVELLED: Final = slice(0, 3)
 SQUARE: Final = 3
-"""Columns of a sensor's sums: levelled acceleration x, y, z and the square of its length."""
+CHANGES: Final = 4
+"""Columns of a sensor's sums: levelled acceleration x, y, z, the square of its length, and samples unlike the last."""
 
 LOW_PASSED, HIGH, WEIGHTED = 0, 1, 2
 """Columns of the seat's sums of squares."""
@@ -45,7 +48,7 @@ class SensorDigest:
 
     def __init__(self, conditioner: Conditioner, epoch_ns: int, settings: SessionSettings) -> None:
         self.conditioner, self._epoch_ns, self._settings = conditioner, epoch_ns, settings
-        self.coarse = Bins(COARSE_S, sums=4)
+        self.coarse = Bins(COARSE_S, sums=5)
         self.clipped = Bins(COARSE_S, sums=0)
         self.mean = Bins(FINE_S, sums=1, short=True)
         self._recut = Recut()
@@ -80,9 +83,29 @@ class SensorDigest:
         """The status of the sensor's conditioning."""
         return self.conditioner.status()
 
+    @property
+    def repeats(self) -> Flags:
+        """The intervals (b,) in which it repeats one reading."""
+        return repeats_in(self.coarse)
+
+    def stuck(self, begin_s: float, end_s: float) -> Flags:
+        """The intervals (b,) of a rest that a stuck sensor spoils: it repeats a reading that differs from all others.
+
+        None where it reads nothing else.
+        """
+        here, spoilt = self.coarse.extent(begin_s, end_s), np.zeros(self.coarse.counts.shape, dtype=np.bool_)
+        counts, repeats = self.coarse.counts[here], self.repeats[here]
+        others = ~repeats & (counts > 0.0)
+        if others.any():
+            mean = self.coarse.sums[here, LEVELLED][others].sum(axis=0) / counts[others].sum()
+            each = self.coarse.sums[here, LEVELLED] / np.maximum(counts, 1.0)[:, None]
+            apart = repeats & (np.linalg.norm(each - mean, axis=1) > SAME_REST_MPS2)
+            spoilt[here] = around(apart, 1, 1)  # the intervals at its ends have both readings
+        return spoilt
+
     def mean_reading(self, begin_s: float, end_s: float) -> Vector | None:
-        """The mean reading, gravity and bias, in the sensor's axes; None without samples."""
-        here = self.coarse.extent(begin_s, end_s)
+        """The mean reading, gravity and bias, in the sensor's axes, where it is not stuck; None without samples."""
+        here = self._usable(begin_s, end_s)
         count = float(self.coarse.counts[here].sum())
         rest, vertical = self.conditioner.rest, self.conditioner.status().vertical
         if count == 0.0 or rest is None or vertical is None:
@@ -92,11 +115,15 @@ class SensorDigest:
         return x, y, z
 
     def rms_about_mean(self, begin_s: float, end_s: float) -> float:
-        """The rms over all axes about the mean; 0 without samples."""
-        here = self.coarse.extent(begin_s, end_s)
+        """The rms over all axes about the mean, where it is not stuck; 0 without samples."""
+        here = self._usable(begin_s, end_s)
         count = max(float(self.coarse.counts[here].sum()), 1e-300)
         mean = self.coarse.sums[here, LEVELLED].sum(axis=0) / count
         return float(np.sqrt(max(0.0, self.coarse.sums[here, SQUARE].sum() / count - mean @ mean)))
+
+    def _usable(self, begin_s: float, end_s: float) -> Integers:
+        here = self.coarse.extent(begin_s, end_s)
+        return np.arange(here.start, here.stop)[~self.stuck(begin_s, end_s)[here]]
 
     def _seconds(self, stamps_ns: Integers) -> Floats:
         return np.asarray(1e-9 * (stamps_ns - self._epoch_ns), dtype=np.float64)
@@ -122,8 +149,14 @@ class SensorDigest:
     def _add(self, rows: Floats, rate_hz: float) -> None:
         """Add rows (n, 5): time, levelled x, y, z, low-passed vertical."""
         levelled = rows[:, 1:4]
-        self.coarse.add(rows[:, 0], np.column_stack([levelled, (levelled**2).sum(axis=1)]))
+        changes = np.diff(levelled, axis=0, prepend=levelled[:1]).any(axis=1)
+        self.coarse.add(rows[:, 0], np.column_stack([levelled, (levelled**2).sum(axis=1), changes]))
         self.mean.add(rows[:, 0], rows[:, 4:])
+
+
+def repeats_in(coarse: Bins) -> Flags:
+    """The intervals (b,) of a sensor's sums in which it repeats one reading."""
+    return np.asarray((coarse.counts > 1.0) & (coarse.sums[:, CHANGES] == 0.0))
 
 
 class SeatDigest(SensorDigest):

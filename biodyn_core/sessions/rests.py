@@ -13,11 +13,11 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.base.arrays import Floats
-from biodyn_core.conditioning.gravity import STUCK_MPS2
+from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.recording.flags import stretches
 from biodyn_core.sessions.bins import Bins
-from biodyn_core.sessions.digest import LEVELLED, SQUARE
+from biodyn_core.sessions.digest import LEVELLED, SQUARE, repeats_in
+from biodyn_core.sessions.repeats import recur
 from biodyn_core.sessions.settings import SessionSettings
 
 QUIETEST_SHARE: Final = 0.05
@@ -29,22 +29,18 @@ ONE_STOP_S: Final = 5.0
 
 @dataclass(frozen=True)
 class _Quiet:
-    """A quiet part of a session with one mean reading (3,); is_constant: the seat repeats one reading in most of it."""
+    """A quiet part of a session by its intervals, with one mean reading (3,)."""
 
-    begin_s: float
-    end_s: float
+    begin: int
+    end: int
     mean_mps2: Floats
-    is_constant: bool
-
-    @property
-    def seconds(self) -> float:
-        return self.end_s - self.begin_s
 
 
 def find_rests(coarse: Bins, settings: SessionSettings) -> list[tuple[float, float]]:
     """The stretches in which the seat does not move: quiet for the session, with the mean reading of a stop.
 
-    A seat that repeats one reading is stuck, or too coarse to show its noise: such a rest counts without another alone.
+    A seat that repeats one reading is stuck, or too coarse to show its noise. Such a stretch is a rest if the seat
+    returns to its reading after motion, or without any other rest.
     """
     s, width_s = settings, coarse.width_s
     there = coarse.counts > 0.0
@@ -54,18 +50,29 @@ def find_rests(coarse: Bins, settings: SessionSettings) -> list[tuple[float, flo
     counts = np.where(full, coarse.counts, 1.0)[:, None]
     mean = coarse.sums[:, LEVELLED] / counts
     spread = np.sqrt(np.maximum(coarse.sums[:, SQUARE] / counts[:, 0] - (mean**2).sum(axis=1), 0.0))
-    stuck = full & (spread < STUCK_MPS2)
-    varied = full & ~stuck if (full & ~stuck).any() else full
+    repeats = full & repeats_in(coarse)
+    varied = full & ~repeats if (full & ~repeats).any() else full
     quietest = float(np.quantile(spread[varied], QUIETEST_SHARE))
     quiet = full & (spread <= min(s.rest_level_mps2, max(s.rest_floor_mps2, s.rest_ratio * quietest)))
     parts = [
-        _Quiet(begin * width_s, end * width_s, mean[begin:end].mean(axis=0), float(stuck[begin:end].mean()) > 0.5)
+        _Quiet(begin, end, mean[begin:end].mean(axis=0))
         for first, last in stretches(quiet)
         for begin, end in _with_one_mean(mean, first, last, s.rest_drift_mps2)
         if (end - begin) * width_s >= s.rest_least_s
     ]
-    parts = [part for part in parts if not part.is_constant] or parts
-    return [(part.begin_s, part.end_s) for part in _standing(parts, s.rest_drift_mps2)]
+    parts = _plausible(parts, repeats, s.rest_drift_mps2) or parts
+    return [(part.begin * width_s, part.end * width_s) for part in _standing(parts, width_s, s.rest_drift_mps2)]
+
+
+def _plausible(parts: Sequence[_Quiet], repeats: Flags, drift_mps2: float) -> list[_Quiet]:
+    """The parts in which the seat is not stuck."""
+    means = np.array([part.mean_mps2 for part in parts]).reshape(-1, 3)
+    recurs = recur(means, [(part.begin, part.end) for part in parts], repeats, drift_mps2)
+    return [
+        part
+        for part, known in zip(parts, recurs, strict=True)
+        if known or float(repeats[part.begin : part.end].mean()) <= 0.5
+    ]
 
 
 def _with_one_mean(mean: Floats, first: int, last: int, drift_mps2: float) -> Iterator[tuple[int, int]]:
@@ -79,15 +86,15 @@ def _with_one_mean(mean: Floats, first: int, last: int, drift_mps2: float) -> It
     yield begin, last
 
 
-def _standing(parts: Sequence[_Quiet], drift_mps2: float) -> Iterator[_Quiet]:
+def _standing(parts: Sequence[_Quiet], width_s: float, drift_mps2: float) -> Iterator[_Quiet]:
     """Of parts of one stop with different means, those whose mean has the most time of the session."""
     if not parts:
         return
     means = np.array([part.mean_mps2 for part in parts])
     alike = np.linalg.norm(means[:, None] - means, axis=2) <= drift_mps2
-    time_s = alike @ np.array([part.seconds for part in parts])
-    gaps_s = [after.begin_s - before.end_s for before, after in pairwise(parts)]
+    intervals = alike @ np.array([part.end - part.begin for part in parts])
+    gaps_s = [width_s * (after.begin - before.end) for before, after in pairwise(parts)]
     for stop in np.split(np.arange(len(parts)), np.flatnonzero(np.array(gaps_s) > ONE_STOP_S) + 1):
         for at in stop:
-            if (alike[at, stop] | (time_s[at] >= time_s[stop])).all():
+            if (alike[at, stop] | (intervals[at] >= intervals[stop])).all():
                 yield parts[at]

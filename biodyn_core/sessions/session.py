@@ -12,21 +12,19 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.base.arrays import Flags, Floats, Integers
+from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.segments import SEAT, SENSORS
 from biodyn_core.base.wording import counted
 from biodyn_core.body.model import WARM_UP_S
 from biodyn_core.conditioning.conditioner import Conditioner, SettingsOf, settings_for
-from biodyn_core.conditioning.gravity import IDLING_MPS2, STUCK_MPS2, Gravity, angle_deg
+from biodyn_core.conditioning.gravity import IDLING_MPS2, SAME_REST_MPS2, Gravity, angle_deg
 from biodyn_core.conditioning.tilt import LEAST_GRAVITY_MPS2, Vector
 from biodyn_core.recording.flags import stretches
 from biodyn_core.sessions.cases import named
 from biodyn_core.sessions.digest import (
     COARSE_S,
     FINE_S,
-    LEVELLED,
     LOW_PASSED,
-    SQUARE,
     WEIGHTED,
     SeatDigest,
     SensorDigest,
@@ -34,10 +32,14 @@ from biodyn_core.sessions.digest import (
 from biodyn_core.sessions.finding import Window, find, level_of, rms_of
 from biodyn_core.sessions.findings import Event, Fault, Findings, Rest, Shock, Timeline
 from biodyn_core.sessions.relative_drift import PhaseMeter, RelativeDrift, block_extent
+from biodyn_core.sessions.repeats import recur
 from biodyn_core.sessions.settings import SessionSettings
 
 MISSING_SHARE: Final = 0.02
 """Share of an event's samples whose loss is stated."""
+
+Span = tuple[float, float]
+"""Begin and end, s."""
 
 LATEST: Final = 3000
 """Intervals of 20 ms, a minute, by which the samples of a sensor may come after those of the seat."""
@@ -89,7 +91,7 @@ class Session:
         self._add_phases(final=True)
         fine = self._seat.fine
         found = find(self._seat.coarse, fine, self.settings)
-        rests = tuple(self._rest(begin_s, end_s) for begin_s, end_s in found.rests)
+        rests = self._rests(found.rests)
         seconds = self._seconds()
         noticeable = dict(self._noticeable(seconds))
         sigmas = self.settings.drift_sigmas
@@ -108,7 +110,7 @@ class Session:
             statuses={name: digest.status() for name, digest in self._digests.items()},
             warnings=(
                 *self._warnings(),
-                *self._constant(rests),
+                *self._stuck_at_rest(rests),
                 *_moved(rests, self.settings.moved_deg),
                 *(_drift_line(name, drift, seconds, name in drifts) for name, drift in noticeable.items()),
                 *found.left_out,
@@ -123,29 +125,28 @@ class Session:
         """The sensors with samples."""
         return [name for name, digest in self._digests.items() if digest.coarse.counts.any()]
 
-    def _rest(self, begin_s: float, end_s: float) -> Rest:
-        """A rest with the mean readings of the sensors that rest."""
-        readings = {
-            name: digest.mean_reading(begin_s, end_s)
-            for name, digest in self._digests.items()
-            if STUCK_MPS2 < digest.rms_about_mean(begin_s, end_s) <= IDLING_MPS2
-        }
-        known = {name: mean for name, mean in readings.items() if mean and math.hypot(*mean) >= LEAST_GRAVITY_MPS2}
-        return Rest(begin_s, end_s, known)
+    def _rests(self, spans: Sequence[Span]) -> tuple[Rest, ...]:
+        """The rests with the mean readings of the sensors that rest."""
+        readings = {name: _readings_at_rest(digest, spans) for name, digest in self._digests.items()}
+        return tuple(
+            Rest(*span, {name: mean for name, means in readings.items() if (mean := means[at]) is not None})
+            for at, span in enumerate(spans)
+        )
 
-    def _constant(self, rests: Sequence[Rest]) -> Iterator[str]:
+    def _stuck_at_rest(self, rests: Sequence[Rest]) -> Iterator[str]:
         """A line for each sensor that repeats one reading in a rest."""
         for name in self._present():
             digest = self._digests[name]
-            stuck = _stuck(digest)
             for rest in rests:
-                of_rest = stuck[digest.coarse.extent(rest.begin_s, rest.end_s)]
-                if of_rest.sum() > 0.5 * of_rest.size:
-                    yield (
-                        f"{name}: repeats one reading in the rest from {rest.begin_s:.0f} to {rest.end_s:.0f} s: its"
-                        " gravity is wrong if it was stuck"
-                    )
-                    break
+                span = rest.begin_s, rest.end_s
+                where = f"the rest from {rest.begin_s:.0f} to {rest.end_s:.0f} s"
+                if digest.stuck(*span).any():
+                    yield f"{name}: repeats one reading in a part of {where}: its gravity leaves this part out"
+                elif name not in rest.gravity_mps2 and _repeats(digest, span):
+                    yield f"{name}: repeats one reading in {where}: its gravity is wrong if it was stuck"
+                else:
+                    continue
+                break
 
     def _event(self, window: Window, rests: Sequence[Rest]) -> Event:
         begin_s, end_s, fine, s = window.begin_s, window.end_s, self._seat.fine, self.settings
@@ -180,7 +181,7 @@ class Session:
                 yield f"{name}: {100.0 * missing:.0f} % missing"
             if clipped := int(digest.clipped.counts[digest.clipped.extent(begin_s, end_s)].sum()):
                 yield f"{name}: {counted(clipped, 'sample')} clipped"
-            if _stuck(digest)[here].any():
+            if digest.repeats[here].any():
                 yield f"{name}: stuck"
 
     def _expected(self, name: str) -> float:
@@ -195,7 +196,7 @@ class Session:
             shared = min(size, of.size)
             into[:shared] = of[:shared]
         stuck = np.zeros(size, dtype=np.bool_)
-        stuck[: min(size, digest.coarse.counts.size)] = _stuck(digest)[:size]
+        stuck[: min(size, digest.coarse.counts.size)] = digest.repeats[:size]
         flags = {"missing": counts < 0.5 * self._expected(name), "clipped": clipped > 0.0, "stuck": stuck}
         for kind, flag in flags.items():
             for begin, end in stretches(flag):
@@ -248,12 +249,28 @@ def _drift_line(name: str, drift: RelativeDrift, seconds: float, is_sure: bool) 
     )
 
 
-def _stuck(digest: SensorDigest) -> Flags:
-    """The intervals (b,) with samples of one constant reading."""
-    counts = np.maximum(digest.coarse.counts, 1.0)
-    mean = digest.coarse.sums[:, LEVELLED] / counts[:, None]
-    square = digest.coarse.sums[:, SQUARE] / counts - (mean**2).sum(axis=1)
-    return np.asarray((digest.coarse.counts > 1.0) & (square < STUCK_MPS2**2))
+def _readings_at_rest(digest: SensorDigest, spans: Sequence[Span]) -> list[Vector | None]:
+    """The mean reading of a sensor in each rest; None where it moves, is stuck, or reads no gravity."""
+    found: list[Vector | None] = [None] * len(spans)
+    for at, span in enumerate(spans):
+        mean = digest.mean_reading(*span)
+        if mean and math.hypot(*mean) >= LEAST_GRAVITY_MPS2 and digest.rms_about_mean(*span) <= IDLING_MPS2:
+            found[at] = mean
+    known = [at for at, mean in enumerate(found) if mean is not None]
+    here = [digest.coarse.extent(*spans[at]) for at in known]
+    means = np.array([found[at] for at in known], dtype=np.float64).reshape(-1, 3)
+    recurs = recur(means, [(one.start, one.stop) for one in here], digest.repeats, SAME_REST_MPS2)
+    for at, returns in zip(known, recurs, strict=True):
+        if _repeats(digest, spans[at]) and not returns:
+            found[at] = None
+    return found
+
+
+def _repeats(digest: SensorDigest, span: Span) -> bool:
+    """Whether a sensor repeats one reading in most of a rest, as far as it is not known to be stuck there."""
+    here = digest.coarse.extent(*span)
+    usable = ~digest.stuck(*span)[here]
+    return bool(usable.any() and digest.repeats[here][usable].mean() > 0.5)
 
 
 def _level_rests(rests: Sequence[Rest], least_deg: float) -> list[int]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SEAT, SENSORS
-from biodyn_core.conditioning.conditioner import gravity_search
+from biodyn_core.conditioning.gravity_search import GravitySearch
 from biodyn_ros.bag import BagReader, imu_blocks
 from biodyn_ros.bag.storage import TopicInfo
 from biodyn_ros.base.progress import OnProgress, ignore_progress
@@ -54,7 +54,7 @@ def info_of(reader: BagReader, bag: str, options: ReadingOptions, progress: OnPr
     names = {topic: sensors.sensors.get(topic) for topic in topics}
     settings, notes = limits_of(reader, {topic: name or topic for topic, name in names.items()}, options.conditioning)
     by_stamps = {name: choice.time for name, choice in times.items()}
-    searches = {topic: gravity_search(settings[name or topic], None) for topic, name in names.items()}
+    searches = {topic: GravitySearch(settings[name or topic]) for topic, name in names.items()}
     gravity = search_gravity(searches, imu_blocks(reader, topics, by_stamps))
     surveys = {
         topic: Survey(name, topic, times[topic], settings[name or topic], gravity.get(topic))

@@ -8,8 +8,9 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from biodyn_core.base.segments import SEAT
-from biodyn_core.conditioning.conditioner import gravity_search, settings_for
-from biodyn_core.conditioning.gravity import Gravity, GravitySearch, from_other_record, gravity_in_rest, of_session
+from biodyn_core.conditioning.conditioner import settings_for
+from biodyn_core.conditioning.gravity import Gravity, from_other_record, gravity_in_rest, of_session
+from biodyn_core.conditioning.gravity_search import GravitySearch
 from biodyn_core.conditioning.tilt import Vector
 from biodyn_ros.bag import LoggedImu
 from biodyn_ros.base.progress import ignore_progress
@@ -39,7 +40,7 @@ def search_gravity(
 def gravity_of(sensors: SensorReading, verticals: Mapping[str, Vector], within_s: float = math.inf) -> Gravities:
     """The gravity of every sensor of an open bag; verticals: the given ones; within_s: the searched part of the bag."""
     searches = {
-        sensor: gravity_search(settings_for(sensor, sensors.conditioning), verticals.get(sensor))
+        sensor: GravitySearch(settings_for(sensor, sensors.conditioning), verticals.get(sensor))
         for sensor in sensors.times
     }
     return search_gravity(searches, sensors.samples(), within_s)

@@ -56,9 +56,10 @@ class SensorReading:
         self, reader: BagReader, options: ReadingOptions, part: BagPart | None = None, beside_s: float = 0.0
     ) -> None:
         self._reader = reader
-        options = _as_found(reader, part, options)
+        options, self._notes = _as_found(reader, part, options)
         self._sensors = sensors_of(reader, options.mapping)
-        self.conditioning, self._limit_notes = limits_of(reader, self._sensors, options.conditioning)
+        self.conditioning, limit_notes = limits_of(reader, self._sensors, options.conditioning)
+        self._notes += limit_notes
         self._choices = choose_times(reader, self._sensors, options.time)
         self._clocks = {topic: ClockComparison() for topic in self._sensors}
         self.times = {sensor: self._choices[topic].time for topic, sensor in self._sensors.items()}
@@ -144,7 +145,7 @@ class SensorReading:
 
     def bag_warnings(self) -> list[str]:
         """Warnings about the bag itself."""
-        return [*map(str, self._reader.warnings), *self._limit_notes]
+        return [*map(str, self._reader.warnings), *self._notes]
 
     def marks(self) -> list[Mark]:
         """The marks of the recording or the part; empty before `blocks` has found the first sample of the seat."""
@@ -160,23 +161,26 @@ class SensorReading:
         return clock_warnings(clocks, seconds)
 
 
-def _as_found(reader: BagReader, part: BagPart | None, options: ReadingOptions) -> ReadingOptions:
-    """Options with the topics and the clock of a part's events; raises InputError if other ones are given.
+def _as_found(reader: BagReader, part: BagPart | None, options: ReadingOptions) -> tuple[ReadingOptions, list[str]]:
+    """Options with the topics and the clock of a part's events, and notes of what has no effect.
 
-    Given topics that the bag does not have are of other bags of the same command.
+    Raises InputError if other ones are given. Given topics that the bag does not have may be of other bags of the same
+    command.
     """
     if part is None or part.mapping is None:
-        return options
-    known = dict(part.mapping)
-    if set(options.mapping.values()) <= set(imu_topics(reader)):
-        given, found = (sensors_of(reader, mapping) for mapping in (options.mapping or known, known))
-        if other := next((topic for topic, sensor in found.items() if given.get(topic) != sensor), None):
-            raise InputError(
-                f"{part.label}: its events were found with {found[other]}={other}: omit --map, or find them again"
-            )
+        return options, []
+    mapping = dict(part.mapping)
+    of_topic, topics = sensors_of(reader, mapping), imu_topics(reader)
+    found, notes = {sensor: topic for topic, sensor in of_topic.items()}, []
+    for sensor, topic in options.mapping.items():
+        known = f"{sensor}={found[sensor]}" if sensor in found else f"no {sensor}"
+        if topic not in topics:
+            notes.append(f"--map {sensor}={topic} has no effect: no such Imu topic, its events were found with {known}")
+        elif of_topic.get(topic) != sensor:
+            raise InputError(f"{part.label}: its events were found with {known}: omit --map, or find them again")
     if part.time == "header" and options.time == "log":
         raise InputError(f"{part.label}: its events were found by header stamps: run biodyn events with --time log")
-    return replace(options, mapping=known, time=part.time or options.time)
+    return replace(options, mapping=mapping, time=part.time or options.time), notes
 
 
 def check_seat(status: SensorStatus, bag: str) -> None:
