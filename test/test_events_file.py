@@ -464,6 +464,7 @@ def test_marks_of_the_node_about_the_fit_name_no_condition() -> None:
         ("\n\nstart,end,case\n0,610,5,gravel\n", "line 4: more cells than columns"),
         ("start,end,case,end\n0,20,a,30\n", "the column end is given twice"),
         ("start,end,case\n0,610,5,gravel\n", "line 2: more cells than columns: write decimal points"),
+        ("start,end,case\n", "it has no rows: give start, end, case in each, or omit --cases"),
         ("start,end,case\n0,20,road\n20,30,---\n", "line 3: the case '---' has no letter or digit"),
         ('start,end,case\n0,20,"gravel\n20,30,road\n', "cannot be read as a table .*: is a quote not closed?"),
         (f'start,end,case\n0,20,"{"x" * 2**18}"\n', "cannot be read as a table .field larger than field limit"),
@@ -482,11 +483,13 @@ def test_columns_of_a_table_have_names_in_any_case_and_order(tmp_path: Path) -> 
     assert [(span.begin_s, span.end_s, span.case) for span in read_spans(path)] == [(0.5, 20.0, "road")]
 
 
-def test_a_row_after_the_end_of_the_session_is_a_warning(place: Path, tmp_path: Path) -> None:
+def test_a_row_without_an_event_is_a_warning(place: Path, tmp_path: Path) -> None:
     table = tmp_path / "cases.csv"
-    table.write_text("start,end,case\n0,20,gravel\n1000,2000,cobbles\n")
+    table.write_text("start,end,case\n0,60,gravel\n1000,2000,cobbles\n60,60.1,minutes\n")
     found = find_events(place / "session.mcap", SessionOptions(cases=str(table)))
-    assert any("cobbles from 1000 to 2000 s is after the end of the session" in line for line in found.warnings)
+    assert any("cobbles from 1000 to 2000 s has no event in a session of" in line for line in found.warnings)
+    assert any("minutes from 60 to 60.1 s has no event" in line for line in found.warnings)
+    assert not any("gravel" in line for line in found.warnings)
 
 
 def test_a_table_is_of_one_session(place: Path, tmp_path: Path) -> None:

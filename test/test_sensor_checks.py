@@ -338,6 +338,22 @@ def test_the_good_part_of_the_bag_itself_is_enough(capsys: pytest.CaptureFixture
     assert pair["size"] == pytest.approx(0.15, abs=0.03)
 
 
+def test_a_clock_that_was_set_within_the_recording_is_stated(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """As by a synchronisation: the seconds after it are compared with nothing."""
+
+    def ahead(time_s: Floats, accel: Floats) -> tuple[Floats, Floats]:
+        return time_s + np.where(time_s > 11.0, 400.0, 0.0), accel
+
+    bag = str(write_bag(tmp_path / "bag.mcap", ahead))
+    words = ["check-sensors", bag, "--good-until", "5.5", "--pair", "imu/head/data=imu/neck/data", *SHORT, "--json"]
+    assert main(words) == 0
+    warnings = json.loads(capsys.readouterr().out)["warnings"]
+    assert [line for line in warnings if "imu/head/data: no samples from 11.0 to 411.0 s, while another" in line]
+    assert not [line for line in warnings if "imu/neck/data: no samples" in line]
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

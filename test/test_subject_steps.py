@@ -446,6 +446,10 @@ def people_file(folder: Path, text: str) -> Path:
             "people: [{subject: subject_1, sessions: [s.mcap]}, {subject: subject_1, sessions: [s.mcap]}]",
             "two people have the name subject_1: set a name",
         ),
+        (
+            "people: [{subject: subject_1, sessions: [s.mcap]}, {subject: subject_2, sessions: [./s.mcap]}]",
+            "s.mcap is a session of subject_1 and of subject_2: remove it from one",
+        ),
     ],
 )
 def test_a_wrong_file_of_people_is_one_line(tmp_path: Path, text: str, message: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -55,11 +56,25 @@ class Stream:
     @cached_property
     def rate_hz(self) -> float:
         """The sampling rate, by samples from the middle of the longest stretch without a pause."""
-        pauses = np.flatnonzero(np.diff(self.stamps_s) > PAUSE_S) + 1
-        longest = max(np.split(self.stamps_s, pauses), key=len)
+        longest = max(np.split(self.stamps_s, self._ends_of_pauses), key=len)
         longest = longest if longest.size > 2 else self.stamps_s  # slower than the pause, which is refused later
         middle, half = longest.size // 2, CLOCK_SAMPLES // 2
         return 1.0 / fit_clock(longest[max(0, middle - half) : middle + half]).period_s
+
+    @property
+    def _ends_of_pauses(self) -> Integers:
+        """The first samples (k,) after pauses."""
+        return np.flatnonzero(np.diff(self.stamps_s) > PAUSE_S) + 1
+
+    def pauses_beside(self, others: Sequence[Stream]) -> list[tuple[float, float]]:
+        """The pauses, begin and end, s, in which another stream goes on: samples are lost, or its clock was set."""
+        ends = self._ends_of_pauses
+        pauses = zip(self.stamps_s[ends - 1].tolist(), self.stamps_s[ends].tolist(), strict=True)
+        return [
+            (begin_s, end_s)
+            for begin_s, end_s in pauses
+            if any(one.between(begin_s + PAUSE_S, end_s - PAUSE_S).stamps_s.size for one in others)
+        ]
 
     def between(self, begin_s: float, end_s: float) -> Stream:
         """The samples from one instant up to another."""

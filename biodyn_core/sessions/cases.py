@@ -29,11 +29,22 @@ def named(events: Sequence[Event]) -> tuple[Event, ...]:
     return tuple(found)
 
 
+def _time_of(event: Event) -> float:
+    """The time that decides the loading condition of an event: the peak of its shock, or its middle."""
+    return event.peak_s if event.shocks else 0.5 * (event.begin_s + event.end_s)
+
+
+def unused(events: Sequence[Event], spans: Sequence[CaseSpan]) -> list[CaseSpan]:
+    """The spans that name no event."""
+    times_s = [_time_of(event) for event in events]
+    return [span for span in spans if not any(span.begin_s <= at_s < span.end_s for at_s in times_s)]
+
+
 def with_cases(events: Sequence[Event], spans: Sequence[CaseSpan]) -> tuple[Event, ...]:
     """The events, with the loading condition of the span in which the peak of a shock, or the middle, lies."""
     found = []
     for event in events:
-        at_s = event.peak_s if event.shocks else 0.5 * (event.begin_s + event.end_s)
+        at_s = _time_of(event)
         case = next((span.case for span in spans if span.begin_s <= at_s < span.end_s), event.case)
         found.append(dataclasses.replace(event, case=case))
     return named(found)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,6 +11,7 @@ import numpy as np
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import SENSORS
 from biodyn_core.base.suggestions import did_you_mean
+from biodyn_core.base.wording import counted
 from biodyn_core.sensor_pairs.streams import Stream, stream_of
 from biodyn_ros.bag import BagReader, LoggedImu, imu_blocks, open_bag
 from biodyn_ros.base.progress import OnProgress
@@ -91,7 +92,21 @@ def read_record(bag: str, names: Sequence[str], options: RecordOptions, progress
     by_log = [name for name in names if times[known[name]].time == "log"]
     notes = [f"{bag}: {', '.join(by_log)}: {LOG_TIME}"] if by_log else []
     notes += [f"{bag}: only its first {options.read_s:g} s are read; --read-s reads more"] if is_cut else []
+    notes += [f"{bag}: {line}" for line in _pauses(streams)]
     return Record(bag, seconds, streams, unusable, (*warnings, *notes))
+
+
+def _pauses(streams: Mapping[str, Stream]) -> Iterator[str]:
+    """A line for each sensor that pauses while another one goes on."""
+    for name, stream in streams.items():
+        pauses = stream.pauses_beside([other for other in streams.values() if other is not stream])
+        if pauses:
+            begin_s, end_s = pauses[0]
+            more = f" and {counted(len(pauses) - 1, 'more pause')}" if len(pauses) > 1 else ""
+            yield (
+                f"{name}: no samples from {begin_s:.1f} to {end_s:.1f} s{more}, while another sensor goes on: they are"
+                " lost, or its clock was set; nothing is compared there"
+            )
 
 
 def _samples(

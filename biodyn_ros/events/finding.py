@@ -20,7 +20,7 @@ from biodyn_core.base.suggestions import did_you_mean_file
 from biodyn_core.conditioning.gravity import Gravity, of_session
 from biodyn_core.conditioning.tilt import Vector
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
-from biodyn_core.sessions.cases import CaseSpan, named, with_cases
+from biodyn_core.sessions.cases import CaseSpan, named, unused, with_cases
 from biodyn_core.sessions.findings import Findings, Rest
 from biodyn_core.sessions.session import Session
 from biodyn_core.sessions.settings import SessionSettings
@@ -108,11 +108,9 @@ def _found_in(bag: str | Path, o: SessionOptions, progress: OnProgress) -> Found
             for mark in marks
             if not _case_name(mark.name)
         ]
-    warnings += [
-        f"{o.table}: {_row(span)} is after the end of the session, {findings.seconds:.0f} s"
-        for span in spans
-        if o.table is not None and span.begin_s >= findings.seconds
-    ]
+    if o.table is not None:
+        why = f"a session of {findings.seconds:.0f} s; start and end are seconds after its first sample"
+        warnings += [f"{o.table}: {_row(span)} has no event in {why}" for span in unused(findings.events, spans)]
     warnings = [*warnings, *sensors.clock_warnings(findings.seconds)]
     missing = [name for name in findings.statuses if name not in present]
     shown = tuple(line for line in findings.warnings if line.partition(":")[0] not in missing)
@@ -232,6 +230,8 @@ def read_spans(path: Path) -> list[CaseSpan]:
         spans = [_span(row, f"{path}: line {blank + table.reader.line_num}") for row in table]
     except csv.Error as error:
         raise InputError(f"{path}: cannot be read as a table ({error}): is a quote not closed?") from None
+    if not spans:
+        raise InputError(f"{path}: it has no rows: give {', '.join(COLUMNS)} in each, or omit --cases")
     for one, other in pairwise(sorted(spans, key=lambda span: span.begin_s)):
         if other.begin_s < one.end_s:
             raise InputError(f"{path}: {_row(one)} and {_row(other)} overlap: end the first by {other.begin_s:g} s")

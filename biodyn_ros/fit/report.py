@@ -137,7 +137,8 @@ def clock_warnings(found: Identification) -> Iterator[str]:
                 late = f"{1e3 * abs(delay_s):.1f} ms {'late' if delay_s > 0.0 else 'early'}"
                 yield (
                     f"{case.name}: {name} fits best with a clock that is {late} and drifts by {1e6 * growth:.0f} ppm;"
-                    f" above {1e3 * LARGEST_DELAY_S:g} ms parameters are wrong: check its stamps, and its mounting"
+                    f" above {1e3 * LARGEST_DELAY_S:g} ms parameters are wrong, and the size too: check stamps and"
+                    " mountings, of its neighbours too"
                 )
 
 

@@ -70,6 +70,12 @@ def load_people(path: str | Path) -> list[Person]:
     names = [person.name.casefold() for person in found]
     if twice := next((person.name for person in found if names.count(person.name.casefold()) > 1), None):
         raise InputError(f"{path}: two people have the name {twice}: set a name")
+    owners: dict[Path, str] = {}
+    for person in found:
+        for session in person.sessions:
+            owner = owners.setdefault(Path(session).resolve(), person.name)
+            if owner != person.name:
+                raise InputError(f"{path}: {session} is a session of {owner} and of {person.name}: remove it from one")
     return found
 
 
