@@ -162,7 +162,8 @@ def _dose(kind: str) -> list:
     state = np.zeros((len(sections), 2, 2))
     window = 40.6  # samples, so that its block is full several times
     means = [1e-3, np.zeros(2), np.zeros((2, 42)), np.zeros(2), np.zeros(1, dtype=np.int64), window]
-    return [given(kind, 2), sections, state, 2e-3, np.full(2, 0.3), *means, *_tally(2, 6)]
+    restarts = [1.0, np.array([0, 0]), 5, np.zeros((2, 2), dtype=np.int64)]
+    return [given(kind, 2), sections, state, 2e-3, np.full(2, 0.3), *means, *restarts, *_tally(2, 6)]
 
 
 def _planar_dose(kind: str) -> list:
@@ -206,6 +207,17 @@ def _flag_suspect(kind: str) -> list:
     return [x, lost, 2.0, 1e-3, 3, 4, 5, 20, np.full(3, 0.1), state, np.zeros(len(x), dtype=bool)]
 
 
+def _loss() -> list:
+    """Readings, place and largest of an open loss."""
+    return [np.linspace(1.0, 4.0, 6), np.array([2, 0, 0]), np.zeros(1)]
+
+
+def _find_losses(kind: str) -> list:
+    x = given(kind, 1)[:, 0]
+    lost = np.where(np.arange(len(x)) % 40 < 5, 5, 0)
+    return [np.nan_to_num(x), lost, 3, 4, *_loss(), 0.5, np.zeros(2)]
+
+
 ARGUMENTS: dict[str, Callable[[str], list]] = {
     "integrate_chain": lambda kind: _chain(kind, keep_motion=True, high=0.5),
     "regularise": _regularise,
@@ -221,6 +233,9 @@ ARGUMENTS: dict[str, Callable[[str], list]] = {
     "head_injury": _head_injury,
     "residual": _residual,
     "flag_suspect": _flag_suspect,
+    "find_losses": _find_losses,
+    "begin_loss": lambda kind: [7, *_loss(), 0.5, np.zeros(2)],
+    "end_loss": lambda kind: [np.array([0, 7, 2]), np.full(1, 4.0), 0.5, np.zeros(2)],
     "peak_forces": lambda kind: [given(kind, 4), *_tally(4, 4)],
     "set_steady_state": _settle,
     "follow_attitude": _follow_up,

@@ -837,5 +837,5 @@ def test_after_losses_within_strong_motion_a_time_is_about_and_the_doubt_is_ambe
         a8_projected_8h_mps2=0.4, vdv_projected_8h_mps175=8.0, projected_from_s=1300.0, suspect_s=1.85, lower_bound=True
     )
     text = summary(report(seat=projected))
-    assert "VDV 8.00 m/s^1.75, which losses within strong motion may have raised" in text
+    assert "VDV 8.00 m/s^1.75, which losses within strong motion make uncertain" in text
     assert "SEAT: UNDECIDED: THE LIMIT VALUE MAY BE REACHED" in summary(report(seat=doubted))

@@ -184,6 +184,27 @@ def test_no_verdict_is_agreement_where_the_strongest_motion_is_suspect():
     assert report.verdict != "agrees"
 
 
+@pytest.mark.parametrize(("share", "is_left_out"), [(0.2, False), (0.5, True), (0.65, True)])
+def test_a_mask_that_ends_in_a_shock_hides_no_left_out_motion(share, is_left_out):
+    """The seat's weighting does not restart there: its VDV would be 1.4 times that of all samples."""
+    whole = struck(**LONG)
+    end = round((STRIKE_S + share * LONG["length_s"]) * RATE_HZ)
+    found = report_of(with_head_masked(whole, end - 1000, end)).findings
+    assert bool([one for one in found if (one.what, one.segment) == ("left_out", "head")]) == is_left_out
+
+
+def test_a_loss_of_3_ms_is_left_out_of_both_injury_criteria():
+    """It is suspect, and too short to be masked."""
+    whole = struck(length_s=0.1)
+    begin = round((STRIKE_S + 0.025) * RATE_HZ)
+    lost = with_seat_lost(whole, begin, begin + 3)
+    lost = dataclasses.replace(lost, measured_mps2=whole.measured_mps2, seat_invalid_s=0.0)
+    for key in ("hic15", "hic36"):
+        found = exposure_of(lost)[key]
+        assert found["measured"]["vertical"] == pytest.approx(found["predicted"]["vertical"], rel=0.02)
+        assert found["measured"]["vertical"] < exposure_of(whole)[key]["measured"]["vertical"]
+
+
 def test_a_recorded_loss_is_stated_in_document_text_and_page():
     streams = imu_streams(
         subject(), load_case("rail", 8.0, np.random.default_rng(3)), np.random.default_rng(1), SensorSettings()

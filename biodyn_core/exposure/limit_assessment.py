@@ -93,9 +93,9 @@ class SeatExposure(LimitAssessment):
 
     aw and VDV by axis are without k; A(8) and VDV so far are the largest over the axes with k = 1.4, 1.4, 1.0.
     lower_bound: samples are missing, clipped or suspect, or an axis is missing or dead. suspect_s: the counted seconds
-    that are in no figure but in times and projections, which they may have raised. withheld: why there are no times and
-    no projections. projected_from_s: the counted seconds; projected_lower_bound: an axis is missing or dead.
-    shock_ratios: of the governing axis.
+    that are in no figure but in times and projections, with an estimate of what the losses hide. withheld: why there
+    are no times and no projections. projected_from_s: the counted seconds; projected_lower_bound: an axis is missing or
+    dead. shock_ratios: of the governing axis.
     """
 
     seconds: float
@@ -131,8 +131,8 @@ def seat_exposure(
     Without a yaw the horizontal axes are unknown, and the largest over all directions is used for both, a value never
     below either. project: to eight hours from less than 20 minutes too.
 
-    with_suspect: the vertical with suspect samples, None without any. Only without them a value is surely reached;
-    times, projections and the zone below a value contain them.
+    with_suspect: the vertical with suspect samples and with what losses within strong motion may hide, None without
+    any. Only without both a value is surely reached; times, projections and the zone below a value contain both.
     """
     complete, has_suspect, seconds = with_suspect or vertical, with_suspect is not None, vertical.seconds
     missing_axes = _missing_axes(complete, horizontal, has_suspect)
@@ -291,7 +291,7 @@ def _doubt(limits: LimitSet, sure: _Counted, whole: _Counted) -> str | None:
     _, measure, value = _used(limits, whole, kind)
     return (
         f"{_NAME[measure]} is {number(whole.so_far[measure])} {_UNIT[measure]} ({kind} value {value:g}) with"
-        f" {_suspect(whole)}, which the losses may have raised"
+        f" {_suspect(whole)}"
     )
 
 
@@ -351,12 +351,15 @@ def _below(limits: LimitSet, exposure: _Counted) -> str:
     missing_s, allowed = exposure.losses.missing_s, f"within the {100.0 * MAX_MISSING_SHARE:g} % allowed"
     missing = f"; {missing_s:.3g} s are missing, {allowed}" if missing_s > 0.0 else ""
     if exposure.losses.suspect_s > 0.0:
-        missing += f"; the figures contain {_suspect(exposure)}"
+        missing += f"; the figures are with {_suspect(exposure)}"
     return f"{figures}: below the action {stated} ({limits.source}){missing}"
 
 
 def _suspect(exposure: _Counted) -> str:
-    return f"the {exposure.losses.suspect_s:.3g} s after losses within strong motion"
+    return (
+        f"the {exposure.losses.suspect_s:.3g} s after losses within strong motion, and with as much in these losses as"
+        " near them"
+    )
 
 
 def _so_far(exposure: _Counted, measure: Measure, shown: str) -> str:

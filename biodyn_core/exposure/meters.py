@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from biodyn_core import kernels
-from biodyn_core.base.arrays import Floats
+from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
+from biodyn_core.exposure.suspect import LONGEST_SETTLING_S, STRONG_MPS2
 from biodyn_core.exposure.tally import Tally
 from biodyn_core.signals.weighting import CURVES, WeightingName, weighting_sections
 
@@ -204,11 +205,23 @@ class Meter(ABC, Generic[Figures]):
 
 
 class DoseMeter(Meter[tuple[Dose, ...]]):
-    """aw, MTVV, VDV and peak, one `Dose` for each of the channels: `push` blocks (n, c) of m/s^2, unweighted."""
+    """aw, MTVV, VDV and peak, one `Dose` for each of the channels: `push` blocks (n, c) of m/s^2, unweighted.
+
+    groups (c,): the group of each channel, by the number of one of its channels. Where the weighting of one restarts
+    after missing samples in strong motion, no channel of the group is counted until it has settled: the restart may
+    raise figures. Without groups it counts at once.
+    """
 
     _count = 2
 
-    def __init__(self, weighting: WeightingName, rate_hz: float, channels: int, window_s: float) -> None:
+    def __init__(
+        self,
+        weighting: WeightingName,
+        rate_hz: float,
+        channels: int,
+        window_s: float,
+        groups: Integers | None = None,
+    ) -> None:
         self._rate_hz = rate_hz
         self._weighting = _Weighting(weighting, rate_hz, channels)
         self._window = MTVV_AVERAGING_S * rate_hz
@@ -217,6 +230,9 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
         self._filled = np.zeros(1, dtype=np.int64)
         self._decay = 1.0 - math.exp(-1.0 / self._window)
         self._running = np.zeros(channels)
+        self._groups = np.arange(channels) if groups is None else groups
+        self._settle = 0 if groups is None else round(LONGEST_SETTLING_S * rate_hz)
+        self._restarts = np.zeros((2, channels), dtype=np.int64)
         self._was_suspect = False
         self._tally = Tally(rate_hz, channels, 6, 3, window_s)
 
@@ -232,7 +248,8 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
         self._was_suspect = suspect
         kernels.dose(
             accel_mps2, w.sos, w.state, w.follow, w.level, self._decay, self._running, self._squares, self._partial,
-            self._filled, self._window, t.bin, t.total, t.ring, t.position, t.length,
+            self._filled, self._window, STRONG_MPS2, self._groups, self._settle, self._restarts, t.bin, t.total, t.ring,
+            t.position, t.length,
         )  # fmt: skip
 
     def skip(self, seconds: float) -> None:
@@ -242,10 +259,14 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
         self._weighting.restart()
         self._clear_averages()
 
-    def reset(self) -> None:
-        """Set everything "since reset" to zero, with the running averages; a rolling MTVV begins again too."""
+    def reset(self, averages: bool = True) -> None:
+        """Set everything "since reset" to zero, with the running averages; a rolling MTVV begins again too.
+
+        averages: False where samples from before the reset still follow.
+        """
         super().reset()
-        self._clear_averages()
+        if averages:
+            self._clear_averages()
 
     def _clear_averages(self) -> None:
         for average in (self._running, self._squares, self._partial):

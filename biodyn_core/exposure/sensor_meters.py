@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from typing import Any, Final
@@ -12,6 +13,7 @@ from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import HEAD, SEAT
 from biodyn_core.conditioning.conditioned import Block
+from biodyn_core.exposure.hidden_motion import HiddenMotion
 from biodyn_core.exposure.injury import HIC_LENGTHS_S, Dri, DriMeter, Hic, HicMeter
 from biodyn_core.exposure.meters import Dose, DoseMeter, HorizontalMeter, Meter, motion_sickness_mps15
 from biodyn_core.exposure.suspect import SuspectSamples, constant_parts
@@ -26,6 +28,9 @@ FIRST_LEVEL_S: Final = 2.0
 
 It is the time constant of the level of Wk and Wd (`LEVEL_SHARE`). These readings are counted late, not lost.
 """
+
+HIDDEN: Final = "hidden"
+"""The name of the stored powers that losses may hide."""
 
 SUSPECT: Final = " (suspect)"
 """Ends the names of stored totals of suspect samples."""
@@ -78,6 +83,7 @@ class SensorMeters:
         self._batch = Batch(BATCH if self.has_level else math.ceil(FIRST_LEVEL_S * rate_hz))
         self._losses: list[Integers] = []
         self._suspects, self._follows_loss = SuspectSamples(rate_hz), begins_in_motion
+        self._hidden = HiddenMotion(rate_hz)
         self._vertical = DoseMeter("Wk", rate_hz, 1, window_s)
         self._further = {name: DoseMeter(name, rate_hz, 1, window_s) for name in weightings}
         self._plane = HorizontalMeter(rate_hz, window_s, first_axis_rad) if sensor == SEAT else None
@@ -100,6 +106,7 @@ class SensorMeters:
             for meter in self._named.values():
                 meter.skip(block.gap_s)
             self._suspects.begin_run(self._follows_loss)
+            self._hidden.begin_run(block.gap_s)
             self._follows_loss = True  # every later run does
         self._losses.append(block.losses)
         self._count(self._batch.add(block.levelled_mps2))
@@ -109,7 +116,9 @@ class SensorMeters:
             return
         if not self.has_level:
             self._begin(rows)
-        suspect = self._suspects.flags(rows, np.concatenate(self._losses))
+        lost = np.concatenate(self._losses)
+        suspect = self._suspects.flags(rows, lost)
+        self._hidden.push(np.ascontiguousarray(rows[:, 2]), lost)
         self._losses = []
         for begin, end in constant_parts(suspect):
             self._push(rows[begin:end], bool(suspect[begin]))
@@ -148,10 +157,18 @@ class SensorMeters:
         self._count_batch()
         return (self._vertical.rolling() if rolling else self._vertical.since_reset())[0]
 
-    def vertical_with_suspect(self) -> Dose:
-        """The vertical since reset, Wk, with suspect samples."""
+    def vertical_with_suspect(self, with_hidden: bool = False) -> Dose:
+        """The vertical since reset, Wk, with suspect samples, and with what losses may hide (`hidden_motion`)."""
         self._count_batch()
-        return self._vertical.with_suspect()[0]
+        dose = self._vertical.with_suspect()[0]
+        if not with_hidden:
+            return dose
+        second, fourth = self._hidden.powers
+        return dataclasses.replace(
+            dose,
+            aw_mps2=math.sqrt(dose.aw_mps2**2 + second / max(dose.seconds, 1.0 / self.rate_hz)),
+            vdv_mps175=(dose.vdv_mps175**4 + fourth) ** 0.25,
+        )
 
     def suspect_s(self, rolling: bool = False) -> float:
         """Seconds of suspect samples, which count in no figure except their time."""
@@ -201,13 +218,15 @@ class SensorMeters:
             self._batch.take()
             self._losses = []
         self._count_batch()
+        self._hidden.reset()
         for meter in self._named.values():
             meter.reset()
 
     def totals(self) -> dict[str, Floats]:
         """The totals since reset, by meter, without first readings that still wait."""
         self._count_batch()
-        return stored_totals(self._named)
+        hidden = self._hidden.totals()
+        return stored_totals(self._named) | ({HIDDEN: hidden} if hidden.any() else {})
 
     def resume(self, totals: Mapping[str, Floats], break_s: float) -> None:
         """Continue from totals of an earlier run, after a break; raises InputError for totals that do not fit."""
@@ -215,6 +234,10 @@ class SensorMeters:
         for name, meter in self._named.items():
             resume_meter(meter, totals, name)
             meter.skip(break_s)
+        if (hidden := totals.get(HIDDEN)) is not None:
+            if hidden.shape != (1, 2) or hidden.min() < 0.0:
+                raise InputError(f"{HIDDEN}: the stored totals are not two sums of powers")
+            self._hidden.resume(hidden)
         self._follows_loss = True
 
 

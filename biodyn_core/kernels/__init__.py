@@ -10,8 +10,11 @@ from biodyn_core.kernels.attitude import follow_attitude
 from biodyn_core.kernels.chain import integrate_chain
 from biodyn_core.kernels.compiling import COMPILED
 from biodyn_core.kernels.exposure import (
+    begin_loss,
     dose,
     dynamic_response,
+    end_loss,
+    find_losses,
     flag_suspect,
     head_injury,
     peak_forces,
@@ -25,10 +28,13 @@ from biodyn_core.kernels.sensor import condition, filter_sections, level, regula
 
 __all__ = [
     "COMPILED",
+    "begin_loss",
     "condition",
     "dose",
     "dynamic_response",
+    "end_loss",
     "filter_sections",
+    "find_losses",
     "find_rails",
     "first_invalid",
     "flag_suspect",

@@ -58,10 +58,19 @@ def _sum_backwards(rows: Floats, row: int) -> None:
 
 
 @compiled
+def _clear_averages(running: Floats, squares: Floats, partial: Floats, channel: int) -> None:
+    """Begin the running mean squares of a channel again."""
+    if running[channel] != 0.0:  # otherwise the block is already empty
+        squares[channel] = 0.0
+        partial[channel] = 0.0
+        running[channel] = 0.0
+
+
+@compiled
 def dose(
     x: Floats, sos: Floats, state: Floats, follow: float, level: Floats, decay: float, running: Floats, squares: Floats,
-    partial: Floats, filled: Integers, window: float, bin_: Floats, total: Floats, ring: Floats, position: Integers,
-    length: int,
+    partial: Floats, filled: Integers, window: float, strong: float, groups: Integers, settle: int, restarts: Integers,
+    bin_: Floats, total: Floats, ring: Floats, position: Integers, length: int,
 ) -> None:  # fmt: skip
     """Weight x (n, c), accumulate per channel: sum a^2, sum a^4, samples, peak |a|, peaks of two running mean squares.
 
@@ -72,20 +81,23 @@ def dose(
     squares (c, l + 1) is a block of l = floor(window) + 1 samples and a zero: the filled[0] newest squares, whose sum
     is partial (c,), then for each sample of the previous block the sum from it to the end of that block. Nothing is
     subtracted, so a shock that has left the window leaves no rounding error.
+
+    After a missing sample the sections restart. If a channel then differs by more than `strong` from its level, no
+    channel of its group, groups (c,), is counted for `settle` samples; 0 for no such rule. restarts (2, c): whether the
+    last sample of each channel was missing, and by group the samples left.
     """
     block = squares.shape[1] - 1
     share = window - math.floor(window)
     for n in range(x.shape[0]):
         at = filled[0]
         after = (at + 1) % block
+        if settle > 0:
+            _find_restarts(x[n], level, strong, groups, settle, restarts)
         for c in range(x.shape[1]):
             value = x[n, c]
             if np.isnan(value):
                 set_steady_state(sos, state, c, level[c])
-                if running[c] != 0.0:  # otherwise the block is already empty
-                    squares[c] = 0.0
-                    partial[c] = 0.0
-                    running[c] = 0.0
+                _clear_averages(running, squares, partial, c)
                 continue
             level[c] += follow * (_clipped_to_gravity(value) - level[c])
             for s in range(sos.shape[0]):
@@ -93,6 +105,9 @@ def dose(
                 value = sos[s, 0] * fed + state[s, 0, c]
                 state[s, 0, c] = sos[s, 1] * fed - sos[s, 4] * value + state[s, 1, c]
                 state[s, 1, c] = sos[s, 2] * fed - sos[s, 5] * value
+            if restarts[1, groups[c]] > 0:
+                _clear_averages(running, squares, partial, c)
+                continue
             square = value * value
             running[c] += decay * (square - running[c])
             squares[c, at] = square
@@ -111,6 +126,20 @@ def dose(
         position[0] += 1
         if position[0] == length:
             _close_bin(bin_, total, ring, position, 3)
+
+
+@compiled
+def _find_restarts(
+    row: Floats, level: Floats, strong: float, groups: Integers, settle: int, restarts: Integers
+) -> None:
+    """Update restarts (2, c) by a row (c,), see `dose`."""
+    for c in range(row.shape[0]):
+        restarts[1, c] = max(restarts[1, c] - 1, 0)
+    for c in range(row.shape[0]):
+        is_missing = np.isnan(row[c])
+        if restarts[0, c] == 1 and not is_missing and abs(row[c] - level[c]) > strong:
+            restarts[1, groups[c]] = settle
+        restarts[0, c] = int(is_missing)
 
 
 @compiled
@@ -295,6 +324,53 @@ def flag_suspect(
             state[3] = max(state[3], min(settling * state[1], longest))
         suspect[n] = state[3] > 0
         state[3] = max(state[3] - 1, 0)
+
+
+@compiled
+def end_loss(at: Integers, largest: Floats, strong: float, sums: Floats) -> None:
+    """Add an open loss to the sums (2,) of squares and fourth powers, if the largest reading near it is strong.
+
+    at (3,): place in the ring of readings, samples lost in the open loss, 0 without one, and rows since it.
+    """
+    if at[1] > 0 and largest[0] > strong:
+        square = largest[0] * largest[0]
+        sums[0] += at[1] * square
+        sums[1] += at[1] * square * square
+    at[1] = 0
+
+
+@compiled
+def begin_loss(lost: int, recent: Floats, at: Integers, largest: Floats, strong: float, sums: Floats) -> None:
+    """End the open loss, and begin one of so many samples after the readings of a ring, recent (near,)."""
+    end_loss(at, largest, strong, sums)
+    at[1] = lost
+    at[2] = 0
+    largest[0] = recent.max()
+
+
+@compiled
+def find_losses(
+    up: Floats, lost: Integers, shortest: int, longest: int, recent: Floats, at: Integers, largest: Floats,
+    strong: float, sums: Floats,
+) -> None:  # fmt: skip
+    """Add each loss of at least `shortest` samples in up (n,), as long as `longest` at most, to sums; see `end_loss`.
+
+    lost (n,): of each interpolated row, the number of rows lost with it. The largest reading is that of as many rows
+    before and after a loss as recent (near,) has.
+    """
+    for n in range(up.shape[0]):
+        value = abs(up[n])
+        is_lost = lost[n] >= shortest
+        if is_lost and (at[1] == 0 or at[2] > 0):
+            begin_loss(min(lost[n], longest), recent, at, largest, strong, sums)
+        if at[1] > 0:
+            largest[0] = max(largest[0], value)
+            if not is_lost:
+                at[2] += 1
+                if at[2] == recent.shape[0]:
+                    end_loss(at, largest, strong, sums)
+        recent[at[0]] = value
+        at[0] = (at[0] + 1) % recent.shape[0]
 
 
 @compiled

@@ -58,6 +58,9 @@ class Compared(NamedTuple):
 _COMPARED: Final = 3 * len(MEASURED_SEGMENTS)
 """Columns of measurement, prediction and seat with the same mask; all predictions and the seat follow."""
 
+_GROUPS: Final = np.concatenate([np.tile(np.arange(len(MEASURED_SEGMENTS)), 3), _COMPARED + np.arange(N_SEGMENTS + 1)])
+"""The three columns of a segment are counted over the same samples, also where a weighting has restarted."""
+
 
 def _compared_columns(seat_mps2: Floats, predicted_mps2: Floats, measured_mps2: Floats) -> Floats:
     """Lay out seat (n,), predictions (n, 6) and measurements (n, 5) for one meter: a missing value masks all three."""
@@ -131,8 +134,8 @@ class Comparison:
         self._before_reset = 0
         self._epoch_ns = 0
         self.residual = ResidualMeter(seat_rate_hz, len(MEASURED_SEGMENTS), window_s)
-        self.doses = DoseMeter("Wk", seat_rate_hz, N_SENSORS, window_s)
-        self.compared = DoseMeter("Wk", seat_rate_hz, _COMPARED + N_SEGMENTS + 1, window_s)
+        self.doses = DoseMeter("Wk", seat_rate_hz, N_SENSORS, window_s, np.arange(N_SENSORS))
+        self.compared = DoseMeter("Wk", seat_rate_hz, _GROUPS.size, window_s, _GROUPS)
 
     def seat(self, block: Block, predicted_mps2: Floats, suspect: Flags) -> None:
         """Add the seat's instants, their predictions (n, 6) and suspect flags (n,); give up those overdue before."""
@@ -225,9 +228,10 @@ class Comparison:
         self._reset_meters()
 
     def _reset_meters(self) -> None:
+        """Reset the meters; running averages begin again only once no instant from before the reset waits."""
         self.residual.reset()
-        self.doses.reset()
-        self.compared.reset()
+        for meter in (self.doses, self.compared):
+            meter.reset(averages=self._before_reset == 0)
 
 
 class EarlyBlocks:

@@ -58,7 +58,7 @@ class SeatPredictor:
         self.unpredicted = 0
         self.seat_peak_mps2 = 0.0
         self.comparison = Comparison(rate_hz, wait_s, window_s)
-        self.doses = DoseMeter("Wk", rate_hz, N_SEGMENTS, window_s)
+        self.doses = DoseMeter("Wk", rate_hz, N_SEGMENTS, window_s, np.arange(N_SEGMENTS))
         # Forces under `cascade` would be those of a body three times as heavy.
         self.forces = JointForceMeter(rate_hz, N_SEGMENTS, window_s) if chain.mass_matrix_form == "segment" else None
         self.intervals = IntervalEstimator(spread, rate_hz, window_s) if spread else None
@@ -88,7 +88,7 @@ class SeatPredictor:
         """Begin from rest after a gap, or at the first sample."""
         self.stepper.reset()
         self._unsettled = 0 if self._at_rest else self._warm_up
-        self._suspects.begin_run(follows_loss=False)  # it settles anyway
+        self._suspects.begin_run(follows_loss=not self._at_rest)
         self._at_rest = False  # of the seat, where the next run begins
         self._count_all()
         for meter in self._of_predictions:
@@ -158,9 +158,10 @@ class SeatPredictor:
         self.seat_peak_mps2 = 0.0
 
     def predicted(self, rolling: bool) -> dict[str, Dose]:
-        """Doses of the predictions by segment."""
+        """Doses of the predictions by segment, of those with counted samples."""
         self._count_all()
-        return dict(zip(SEGMENTS, self.doses.rolling() if rolling else self.doses.since_reset(), strict=True))
+        doses = self.doses.rolling() if rolling else self.doses.since_reset()
+        return {name: dose for name, dose in zip(SEGMENTS, doses, strict=True) if dose.seconds > 0.0}
 
     def suspect_s(self, rolling: bool = False) -> float:
         """Seconds of suspect samples, which count in no predicted figure except their time."""
@@ -180,9 +181,9 @@ class SeatPredictor:
         return self.intervals.spreads(rolling) if self.intervals else {}
 
     def measured(self, rolling: bool, sensors: tuple[str, ...]) -> dict[str, Dose]:
-        """Doses of the low-passed measurements on the seat's grid, for the sensors named."""
+        """Doses of the low-passed measurements on the seat's grid, of the sensors named that have counted samples."""
         doses = self.comparison.doses.rolling() if rolling else self.comparison.doses.since_reset()
-        return {name: dose for name, dose in zip(SENSORS, doses, strict=True) if name in sensors}
+        return {name: dose for name, dose in zip(SENSORS, doses, strict=True) if name in sensors and dose.seconds > 0.0}
 
     def residual(self, rolling: bool) -> dict[str, tuple[float, float]]:
         """(rms m/s^2, rms over measured rms in percent) by segment, for those that were compared."""

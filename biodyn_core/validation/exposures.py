@@ -37,9 +37,8 @@ _WINDOW_S: Final = 1.0
 
 
 class Compared(NamedTuple):
-    """Doses of the samples in which a segment is compared: seat, measured, predicted, and as its sensor would read."""
+    """Doses of the samples in which a segment is compared: measured, predicted, and as its sensor would read."""
 
-    seat: Dose
     measured: Dose
     predicted: Dose
     as_read: Dose
@@ -51,10 +50,11 @@ class Exposures:
 
     seat and dri need no model, so that only the warm-up of the first run is left out of them; all others lack that of
     every run. predicted and predicted_hic: of the motion of the segments. suspect_s: time of the suspect samples of the
-    seat and of each segment, of which doses contain the time alone. compared: by segment, with them, because all four
-    channels are masked alike. masked: segments, and the seat, with missing or suspect samples, so that their figures
-    are lower bounds. spreads: of the predicted figures, by segment, for their intervals; no_interval: why there are
-    none, empty if there are.
+    seat and of each segment, of which doses contain the time alone. compared: by segment, with them, because all three
+    channels are masked alike. seat_compared_mps175: VDV of the seat where a segment is compared; its weighting runs
+    through the other samples too, so that no restart raises it. seat_with_suspect: of all samples. masked: segments,
+    and the seat, with missing or suspect samples, so that their figures are lower bounds. spreads: of the predicted
+    figures, by segment, for their intervals; no_interval: why there are none, empty if there are.
     """
 
     seat: Dose
@@ -63,6 +63,7 @@ class Exposures:
     suspect_s: Mapping[str, float]
     seat_with_suspect: Dose
     compared: Mapping[str, Compared]
+    seat_compared_mps175: Mapping[str, float]
     masked: frozenset[str]
     dri: Dri
     measured_hic: Mapping[str, Hic]
@@ -88,7 +89,6 @@ def exposures(runs: Sequence[PredictedRun], rate_hz: float, subject: Subject) ->
         for name, meter in {SEAT: of_seat, **meters}.items()
     }
     spreads, no_interval = _spreads(runs, rate_hz, subject, suspect)
-    none = [np.zeros_like(flags) for flags in of_losses]  # HIC has no weighting that masked samples could restart
     return Exposures(
         seat=of_seat.since_reset()[0],
         measured={name: Compared(*meter.since_reset()).measured for name, meter in meters.items()},
@@ -96,9 +96,10 @@ def exposures(runs: Sequence[PredictedRun], rate_hz: float, subject: Subject) ->
         suspect_s=suspect_s,
         seat_with_suspect=of_seat.with_suspect()[0],
         compared={name: Compared(*meter.with_suspect()) for name, meter in meters.items()},
+        seat_compared_mps175={name: _seat_compared_mps175(runs, rate_hz, i) for i, name in enumerate(SEGMENTS)},
         masked=frozenset(_masked(runs)) | {name for name, seconds in suspect_s.items() if seconds > 0.0},
         dri=dri.since_reset(),
-        measured_hic=_hics(runs, rate_hz, lambda run: run.measured_mps2, none),
+        measured_hic=_hics(runs, rate_hz, lambda run: run.measured_mps2, of_losses),
         predicted_hic=_hics(runs, rate_hz, lambda run: run.moved_mps2, of_losses),
         spreads=spreads,
         no_interval=no_interval,
@@ -109,13 +110,23 @@ def _segment_meter(runs: Sequence[PredictedRun], rate_hz: float, i: int, suspect
     """The doses of one segment, in the order of `Compared`."""
 
     def channels(run: PredictedRun) -> Floats:
-        measured = run.measured_mps2[:, i]
-        compared = np.where(np.isnan(measured), np.nan, run.seat_mps2)
-        return np.column_stack([compared, measured, run.moved_mps2[:, i], run.predicted_mps2[:, i]])
+        return np.column_stack([run.measured_mps2[:, i], run.moved_mps2[:, i], run.predicted_mps2[:, i]])
 
-    meter = DoseMeter("Wk", rate_hz, 4, _WINDOW_S)
+    meter = DoseMeter("Wk", rate_hz, 3, _WINDOW_S)
     _count(runs, meter, channels, suspect)
     return meter
+
+
+def _seat_compared_mps175(runs: Sequence[PredictedRun], rate_hz: float, i: int) -> float:
+    """VDV of the seat where one segment is compared."""
+    meter, apart = DoseMeter("Wk", rate_hz, 1, _WINDOW_S), []
+    for number, run in enumerate(runs):
+        not_compared = np.isnan(run.measured_mps2[:, i])
+        not_compared[: run.begin if number else 0] = True
+        apart.append(not_compared)
+    # As suspect samples they run through the weighting, and are counted apart.
+    _count(runs, meter, lambda run: run.seat_mps2[:, None], apart, needs_model=False)
+    return meter.since_reset()[0].vdv_mps175
 
 
 def _hics(

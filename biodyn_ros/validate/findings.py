@@ -49,7 +49,7 @@ def findings(found: Validation, role: Role | None, limits: ValidationSettings) -
             yield Finding("disagrees", "nrmse", name, text)
     yield from _left_out(found.exposures, limits)
     for name in SEGMENTS:
-        _, measured, predicted, read = found.exposures.compared[name]
+        measured, predicted, read = found.exposures.compared[name]
         if min(measured.seconds, read.seconds) >= LEAST_COMPARED_S and measured.vdv_mps175 > 0.0:
             ratio = read.vdv_mps175 / measured.vdv_mps175
             if not 1.0 / limits.dose_ratio <= ratio <= limits.dose_ratio:
@@ -62,8 +62,8 @@ def findings(found: Validation, role: Role | None, limits: ValidationSettings) -
 def _left_out(found: Exposures, limits: ValidationSettings) -> Iterator[Finding]:
     """Segments that are compared, but not in the strongest motion of the seat."""
     for name, compared in found.compared.items():
-        of_all, of_compared = found.seat_with_suspect.vdv_mps175, compared.seat.vdv_mps175
-        if compared.seat.seconds >= LEAST_COMPARED_S and of_all > limits.dose_ratio * of_compared:
+        of_all, of_compared = found.seat_with_suspect.vdv_mps175, found.seat_compared_mps175[name]
+        if compared.measured.seconds >= LEAST_COMPARED_S and of_all > limits.dose_ratio * of_compared:
             up_to = "up to " if found.suspect_s[SEAT] > 0.0 else ""
             text = (
                 f"{words(name)}: not compared in the strongest motion: the VDV of the seat is {up_to}{number(of_all)}"
