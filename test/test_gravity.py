@@ -131,6 +131,24 @@ def test_a_rest_beside_a_stuck_begin_says_so():
     assert line.startswith("gravity is from the rest at 1") and "from 0.0 s on it repeats another reading" in line
 
 
+def test_a_reading_that_is_sent_again_is_no_rest_against_one_with_noise_nearer_to_the_motion():
+    """A driver that sends a default reading in its time-outs."""
+    samples = swaying(40.0, still=(25.0, 30.0))
+    samples += [1.5, 0.0, -0.1]
+    for begin_s in (0.0, 12.0):
+        samples[round(begin_s * RATE_HZ) : round((begin_s + 2.0) * RATE_HZ)] = (0.0, 0.0, G)
+    found = searched(samples)
+    np.testing.assert_allclose(found.mean_mps2, (1.5, 0.0, G - 0.1), atol=0.02)
+    assert "from 0.0 s on it repeats another reading: was it stuck?" in found.warning(vertical_given=False)
+
+
+def test_noise_that_begins_after_a_repeated_reading_is_the_same_rest():
+    samples = swaying(8.0, still=(0.0, 4.0))
+    samples[: round(2.0 * RATE_HZ)] = (0.0, 0.0, G)
+    found = searched(samples)
+    assert found.origin == "begin" and found.warning(vertical_given=False) is None
+
+
 @pytest.mark.parametrize(("reading", "is_right"), [((1.2, 0.4, 9.8), False), ((0.3, 0.1, 9.8), True)])
 def test_a_reading_that_is_repeated_amid_motion_must_agree_with_the_mean_over_motion(reading, is_right):
     samples = swaying(12.0)
@@ -160,7 +178,7 @@ def test_another_record_lends_a_repeated_reading_only_without_another_rest():
     assert lent.warning(False) == "gravity is from 0.0 s on in a.mcap, where it repeats one reading: is it stuck?"
 
 
-@pytest.mark.parametrize("share", [0.0, 0.4, 0.8])
+@pytest.mark.parametrize("share", [0.0, 0.4, 0.7])
 def test_gravity_in_a_rest_leaves_out_the_part_in_which_the_sensor_is_stuck(share):
     samples = swaying(10.0, still=(0.0, 10.0))
     samples[: round(share * len(samples))] = (1.6, 0.4, 9.6)
@@ -173,6 +191,16 @@ def test_gravity_in_a_rest_keeps_what_a_coarse_sensor_repeats_and_needs_a_change
     coarse[::500] += 0.1
     np.testing.assert_allclose(gravity_in_rest(coarse, coarse * np.nan).mean_mps2, coarse.mean(axis=0), rtol=1e-12)
     assert gravity_in_rest(np.tile([0.0, 0.0, G], (5000, 1)), np.full((5000, 3), np.nan)) is None
+    assert gravity_in_rest(np.tile([0.0, 0.0, G], (80, 1)), np.full((80, 3), np.nan)) is None
+
+
+@pytest.mark.parametrize(
+    "others", [np.tile([3.0, 2.0, 9.0], (1, 1)), np.linspace([1.0, 0.0, 9.7], [1.1, 0.0, 9.7], 900)]
+)
+def test_few_other_readings_are_no_rest_beside_a_repeated_one(others):
+    """A spike, and a lean for the first second of 20 s: neither is gravity."""
+    samples = np.vstack([others, np.tile([0.0, 0.0, G], (20_000, 1))])
+    assert gravity_in_rest(samples, np.full(samples.shape, np.nan)) is None
 
 
 def test_without_rest_the_mean_over_motion_is_used_with_a_remedy():
@@ -371,7 +399,9 @@ def test_a_sensor_with_its_rest_elsewhere_is_compared_from_the_start(tmp_path: P
     assert any(line.startswith(f"{sensor}: no rest at the start") for line in document["warnings"])
     whole = replay(write_bag(tmp_path / "plain.mcap", noisy_streams(12.0)), subject()).document
     for name, figures in whole["measured_low_passed"].items():
-        assert document["measured_low_passed"][name]["vdv_mps175"] == pytest.approx(figures["vdv_mps175"], rel=1e-3)
+        found = document["measured_low_passed"][name]["vdv_mps175"] / figures["vdv_mps175"]
+        # A seat that begins in strong motion leaves out the restart of its weighting.
+        assert found == pytest.approx(1.0, rel=1e-3) if sensor == "head" else 0.98 < found < 1.0
         assert document["measured_low_passed"][name]["missing_s"] < 1.0
 
 

@@ -342,7 +342,7 @@ def test_a_coarse_seat_that_returns_to_its_reading_is_at_rest_and_not_where_it_g
     assert all(rest.gravity_mps2["seat"][0] == pytest.approx(0.0, abs=0.1) for rest in found.rests)
 
 
-@pytest.mark.parametrize("share", [0.4, 0.8])
+@pytest.mark.parametrize("share", [0.4, 0.7])
 def test_a_rest_leaves_out_the_part_in_which_a_sensor_is_stuck(share: float) -> None:
     stamps, samples = made(60.0, shaken(60.0, 1.0, begin_s=20.0))
     stuck = samples.copy()
@@ -353,6 +353,36 @@ def test_a_rest_leaves_out_the_part_in_which_a_sensor_is_stuck(share: float) -> 
     assert "head: repeats one reading in a part of the rest from 0 to 20 s: its gravity leaves this part out" in (
         found.warnings
     )
+
+
+@pytest.mark.parametrize("frozen_s", [[(40.0, 75.0)], [(50.0, 62.0), (65.0, 77.0)]])
+def test_a_seat_that_is_frozen_while_the_others_move_is_not_at_rest(frozen_s: list[tuple[float, float]]) -> None:
+    """It freezes during a stop, and the vehicle drives on; or it repeats the reading of a stop in a loss, twice."""
+    moving = shaken(100.0, 1.0, begin_s=12.0)
+    moving[round(35.0 * SEAT_HZ) : round(45.0 * SEAT_HZ)] = 0.0
+    streams = {name: made(100.0, moving, seed) for seed, name in enumerate(("seat", "pelvis", "head"))}
+    stops = found_in(streams).rests
+    assert [rest.begin_s for rest in stops] == pytest.approx([1.0, 35.0], abs=1.0)
+    samples = streams["seat"][1]
+    for begin_s, end_s in frozen_s:
+        samples[round(begin_s * SEAT_HZ) : round(end_s * SEAT_HZ)] = [0.0, 0.0, G]
+    found = found_in(streams)
+    ends_s = [12.0, min(45.0, frozen_s[0][0])]
+    assert [rest.end_s for rest in found.rests] == pytest.approx(ends_s, abs=5.1)
+    assert all(rest.end_s < 46.0 for rest in found.rests)
+
+
+def test_a_coarse_seat_is_at_rest_where_another_sensor_is_quiet() -> None:
+    """At one stop alone: the seat does not return to its reading."""
+    up = shaken(60.0, 1.0, begin_s=12.0)
+    stamps, samples = made(60.0, up)
+    samples[round(40.0 * SEAT_HZ) : round(50.0 * SEAT_HZ)] = [1.0, 0.0, G]  # gathers speed smoothly, with noise
+    samples[round(40.0 * SEAT_HZ) : round(50.0 * SEAT_HZ)] += 0.2 * made(10.0)[1] - [0.0, 0.0, 0.2 * G]
+    coarse = np.round(samples / 0.25) * 0.25
+    coarse[round(40.0 * SEAT_HZ) : round(50.0 * SEAT_HZ)] += 0.02 * made(10.0)[1] - [0.0, 0.0, 0.02 * G]
+    found = found_in({"seat": (stamps, coarse), "pelvis": made(60.0, up, seed=5)})
+    assert found.rests[0].begin_s == pytest.approx(1.0, abs=1.0)
+    assert found.rests[0].end_s == pytest.approx(12.0, abs=0.6)
 
 
 def test_a_sensor_by_another_clock_is_named() -> None:

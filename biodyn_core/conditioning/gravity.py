@@ -26,6 +26,12 @@ IDLING_MPS2: Final = 1.0
 SAME_REST_MPS2: Final = 0.2
 """Readings at rest are the same if they differ by less: 1.2 deg of tilt."""
 
+STUCK_MPS2: Final = 1e-5
+"""A sensor with less rms about its mean repeats one reading. Rounding gives 1e-6."""
+
+LEAST_OTHERS: Final = 0.25
+"""The least share of a rest in which a sensor must read others before a reading that it repeats counts as stuck."""
+
 STUCK_READINGS: Final = 100
 """A sensor that shows its noise never repeats a reading so often: 25 ms at 4 kHz, 0.25 s at 400 Hz."""
 
@@ -102,7 +108,7 @@ def angle_deg(one: Vector, other: Vector) -> float:
 def gravity_in_rest(samples_mps2: Floats, rates_radps: Floats) -> Gravity | None:
     """The gravity of a sensor from its samples (n, 3) in a rest of its session; None where it moves or is stuck there.
 
-    Where it repeats a reading that differs from all others it is stuck: these samples are left out. rates_radps (n, 3),
+    Where it repeats a reading that differs from its others it is stuck: these samples are left out. rates_radps (n, 3),
     NaN where none were read: their mean is the bias of the gyro, if they scatter little.
     """
     finite = samples_mps2[np.isfinite(samples_mps2).all(axis=1)]
@@ -110,8 +116,10 @@ def gravity_in_rest(samples_mps2: Floats, rates_radps: Floats) -> Gravity | None
     if repeated.all():
         return None
     stuck = repeated & (np.linalg.norm(finite - finite[~repeated].mean(axis=0), axis=1) > SAME_REST_MPS2)
+    if stuck.any() and repeated.mean() > 1.0 - LEAST_OTHERS:
+        return None
     finite = finite[~stuck]
-    if float(np.sqrt(((finite - finite.mean(axis=0)) ** 2).sum(axis=1).mean())) > IDLING_MPS2:
+    if not STUCK_MPS2 < float(np.sqrt(((finite - finite.mean(axis=0)) ** 2).sum(axis=1).mean())) <= IDLING_MPS2:
         return None
     read = rates_radps[np.isfinite(rates_radps).all(axis=1)]
     is_still = len(read) > 0 and bool((read.std(axis=0) < MAX_RATE_SCATTER_RADPS).all())

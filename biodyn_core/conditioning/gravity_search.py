@@ -21,19 +21,13 @@ from biodyn_core.conditioning.gravity import (
     MAX_TILT_DEG,
     SAME_MOUNTING_MPS2,
     SAME_REST_MPS2,
+    STUCK_MPS2,
     Gravity,
-    Origin,
     angle_deg,
 )
 from biodyn_core.conditioning.rest import RestWindow
 from biodyn_core.conditioning.tilt import Vector, gravity_and_vertical
 from biodyn_core.kernels import sensor as kernel
-
-STUCK_MPS2: Final = 1e-5
-"""A sensor with less rms about its mean at the begin repeats one reading. Rounding gives 1e-6.
-
-It is stuck, or too coarse to show its noise. Such a rest counts if the sensor returns to the reading after motion.
-"""
 
 LONE_STAMPS: Final = 10
 """A part of a record with fewer samples, before all others, has stray stamps."""
@@ -145,8 +139,9 @@ class GravitySearch:
     def _of_parts(self) -> Gravity | None:
         """The first window at rest with the mounting of the motion, else the mean over motion.
 
-        A window that repeats one reading is at rest if the sensor returns to this reading after motion. Without any
-        other rest it is taken at the start of the record, or near the mean over motion.
+        A sensor that repeats one reading is stuck, or too coarse to show its noise. It is at rest if it returns to this
+        reading after changes, unless a rest with noise is nearer to the mean over motion. Without any other rest, the
+        reading is taken at the start of the record, or near the mean over motion.
         """
         windows = self._windows()
         quiet = [at for at, window in windows.items() if window.rms_mps2 <= self._rest_rms_mps2]
@@ -156,20 +151,9 @@ class GravitySearch:
             return self._constant_at_begin
         motion = _joined(moving or self._parts)
         rests = [windows[at] for at in quiet if self._has_gravity(windows[at].mean_mps2)]
-        begin = self._constant_at_begin
         alike = [one for one in rests if angle_deg(one.mean_mps2, motion.mean_mps2) <= MAX_TILT_DEG]
-        returns = _Returns([part for part in self._parts if not part.is_constant], alike)
-        if begin is not None and returns.to(begin.mean_mps2, 0):
-            return replace(begin, is_constant=False)
-        for window in alike:
-            if not window.is_constant or returns.to(window.mean_mps2, window.end):
-                stuck_at_s = None if begin is None else 0.0
-                return replace(self._at(window, "rest"), stuck_at_s=stuck_at_s)
-        if begin is not None:
-            return begin
-        for window in alike:
-            if math.dist(window.mean_mps2, motion.mean_mps2) <= SAME_MOUNTING_MPS2:
-                return replace(self._at(window, "rest"), is_constant=True)
+        if (found := self._rest_among(alike, motion)) is not None:
+            return found
         if not self._has_gravity(motion.mean_mps2):
             return None
         quietest_mps2 = None if rests else min((window.rms_mps2 for window in windows.values()), default=None)
@@ -179,8 +163,38 @@ class GravitySearch:
             tilted=bool(rests) and not alike, stuck_at_s=stuck_at_s,
         )  # fmt: skip
 
-    def _at(self, window: _Part, origin: Origin) -> Gravity:
-        return Gravity(window.mean_mps2, origin, self._seconds_of(window), (window.first, window.end))
+    def _rest_among(self, alike: Sequence[_Part], motion: _Part) -> Gravity | None:
+        """The rest by windows with the mounting of the motion; None without any that is plausible."""
+        with_noise = next((self._at(one) for one in alike if not one.is_constant), None)
+        repeated = self._repeated(alike)
+        if with_noise is not None and repeated is not None:
+            if math.dist(repeated.mean_mps2, with_noise.mean_mps2) <= SAME_REST_MPS2:
+                return replace(repeated, is_constant=False) if repeated.origin == "begin" else with_noise
+            if repeated.is_constant or not _is_nearer(repeated, with_noise, motion):
+                return replace(with_noise, stuck_at_s=repeated.at_s)
+            return repeated
+        near = (one for one in alike if math.dist(one.mean_mps2, motion.mean_mps2) <= SAME_MOUNTING_MPS2)
+        likely = next((replace(self._at(one), is_constant=True) for one in near), None)
+        return with_noise or repeated or likely
+
+    def _repeated(self, rests: Sequence[_Part]) -> Gravity | None:
+        """A rest whose reading the sensor repeats and returns to, the first one; else that at the begin."""
+        begin = self._constant_at_begin
+        returns = _Returns([part for part in self._parts if not part.is_constant], rests)
+        if begin is not None and returns.to(begin.mean_mps2, 0):
+            return replace(begin, is_constant=False)
+        repeated = [one for one in rests if one.is_constant]
+        before: _Part | None = None
+        for window in repeated:
+            # Of the windows of one stretch the first is enough.
+            continues = before is not None and window.slot == before.slot + 1 and _is_same(window, before)
+            before = window
+            if not continues and returns.to(window.mean_mps2, window.end):
+                return self._at(window)
+        return begin
+
+    def _at(self, window: _Part) -> Gravity:
+        return Gravity(window.mean_mps2, "rest", self._seconds_of(window), (window.first, window.end))
 
     def _seconds_of(self, window: _Part) -> float:
         """The time of a window since the first part whose stamps are not stray."""
@@ -237,6 +251,15 @@ def _joined(parts: Sequence[_Part]) -> _Part:
         np.sum([part.sum_mps2 for part in parts], axis=0), math.fsum(part.squares for part in parts),
         any(part.is_constant for part in parts),
     )  # fmt: skip
+
+
+def _is_same(one: _Part, other: _Part) -> bool:
+    return math.dist(one.mean_mps2, other.mean_mps2) <= SAME_REST_MPS2
+
+
+def _is_nearer(one: Gravity, other: Gravity, motion: _Part) -> bool:
+    """Whether a rest is nearer than another one to the mean over motion."""
+    return math.dist(one.mean_mps2, motion.mean_mps2) < math.dist(other.mean_mps2, motion.mean_mps2)
 
 
 class _Returns:

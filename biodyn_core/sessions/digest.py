@@ -15,7 +15,7 @@ from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.conditioning.conditioned import Block, SensorStatus
 from biodyn_core.conditioning.conditioner import Conditioner
-from biodyn_core.conditioning.gravity import SAME_REST_MPS2
+from biodyn_core.conditioning.gravity import LEAST_OTHERS, SAME_REST_MPS2
 from biodyn_core.conditioning.tilt import Vector, rotation_to_vertical
 from biodyn_core.recording.flags import around
 from biodyn_core.sessions.bins import Bins, Recut
@@ -88,15 +88,24 @@ class SensorDigest:
         """The intervals (b,) in which it repeats one reading."""
         return repeats_in(self.coarse)
 
-    def stuck(self, begin_s: float, end_s: float) -> Flags:
-        """The intervals (b,) of a rest that a stuck sensor spoils: it repeats a reading that differs from all others.
+    def rms(self, intervals: int) -> Floats:
+        """The rms over all axes about the mean of each of so many intervals; NaN without samples."""
+        counts, sums = self.coarse.counts[:intervals], self.coarse.sums[:intervals]
+        found = np.full(intervals, np.nan)
+        there = np.flatnonzero(counts > 0.0)
+        mean = sums[there, LEVELLED] / counts[there, None]
+        found[there] = np.sqrt(np.maximum(sums[there, SQUARE] / counts[there] - (mean**2).sum(axis=1), 0.0))
+        return found
 
-        None where it reads nothing else.
+    def stuck(self, begin_s: float, end_s: float) -> Flags:
+        """The intervals (b,) of a rest that a stuck sensor spoils: it repeats a reading that differs from its others.
+
+        None where it reads others in less than `LEAST_OTHERS` of the rest.
         """
         here, spoilt = self.coarse.extent(begin_s, end_s), np.zeros(self.coarse.counts.shape, dtype=np.bool_)
         counts, repeats = self.coarse.counts[here], self.repeats[here]
         others = ~repeats & (counts > 0.0)
-        if others.any():
+        if others.any() and others.mean() >= LEAST_OTHERS:
             mean = self.coarse.sums[here, LEVELLED][others].sum(axis=0) / counts[others].sum()
             each = self.coarse.sums[here, LEVELLED] / np.maximum(counts, 1.0)[:, None]
             apart = repeats & (np.linalg.norm(each - mean, axis=1) > SAME_REST_MPS2)

@@ -75,10 +75,10 @@ class Found:
     left_out: tuple[str, ...]
 
 
-def find(coarse: Bins, fine: Bins, settings: SessionSettings | None = None) -> Found:
-    """Find rests, shocks and steady stretches."""
+def find(coarse: Bins, fine: Bins, settings: SessionSettings | None = None, others_mps2: Floats | None = None) -> Found:
+    """Find rests, shocks and steady stretches; others_mps2: see `find_rests`."""
     s = settings or SessionSettings()
-    resting = find_rests(coarse, s)
+    resting = find_rests(coarse, s, others_mps2)
     shocks_at = find_shocks(fine, s)
     windows: list[Window] = []
     left_out: list[str] = []

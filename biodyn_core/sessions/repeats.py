@@ -7,27 +7,31 @@ from typing import Final
 
 import numpy as np
 
-from biodyn_core.base.arrays import Flags, Floats
+from biodyn_core.base.arrays import Flags, Floats, Integers
 
 LEAST_CHANGING: Final = 4
-"""Intervals without repeats, 2 s, that lie between two stretches: a single glitch of a stuck sensor is no motion."""
+"""Intervals with changes, 2 s, that lie between two stretches: a single glitch of a stuck sensor is no motion."""
+
+LEAST_SHARE: Final = 0.5
+"""A stretch repeats one reading if it does in a larger share of its intervals."""
 
 Extent = tuple[int, int]
 """The first interval of a stretch and the one after its last."""
 
 
-def recur(means_mps2: Floats, extents: Sequence[Extent], repeats: Flags, apart_mps2: float) -> Flags:
-    """Flags (k,) of stretches whose mean reading (k, 3) another one has too, with other readings between both.
+def unsure(means_mps2: Floats, extents: Sequence[Extent], repeats: Flags, changing: Flags, apart_mps2: float) -> Flags:
+    """Flags (k,) of stretches that repeat one reading, and no other stretch has it after changes of the reading.
 
-    A stuck sensor does not return to its reading; one that is too coarse does. extents: in order of time; repeats (b,):
-    the intervals with one reading. Means alike differ by `apart_mps2` at most.
+    A stuck sensor does not return to its reading; one that is too coarse does. means (k, 3); extents: in order of
+    time; repeats, changing (b,): the intervals with one reading, and with several. Means alike differ by `apart_mps2`
+    at most.
     """
-    count = len(extents)
-    alike = np.linalg.norm(means_mps2[:, None] - means_mps2, axis=2) <= apart_mps2
-    found = np.zeros(count, dtype=np.bool_)
-    for one in range(count):
-        for other in range(one + 1, count):
-            between = repeats[extents[one][1] : extents[other][0]]
-            if alike[one, other] and (~between).sum() >= LEAST_CHANGING:
-                found[[one, other]] = True
+    begins: Integers = np.array([begin for begin, _ in extents], dtype=np.int64)
+    ends: Integers = np.array([end for _, end in extents], dtype=np.int64)
+    changed = np.concatenate([[0], np.cumsum(changing)])
+    found = np.array([bool(repeats[begin:end].mean() > LEAST_SHARE) for begin, end in extents], dtype=np.bool_)
+    for at in np.flatnonzero(found):
+        alike = np.linalg.norm(means_mps2 - means_mps2[at], axis=1) <= apart_mps2
+        between = np.maximum(changed[begins] - changed[ends[at]], changed[begins[at]] - changed[ends])
+        found[at] = not (alike & (between >= LEAST_CHANGING)).any()
     return found

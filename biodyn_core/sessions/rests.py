@@ -17,7 +17,7 @@ from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.recording.flags import stretches
 from biodyn_core.sessions.bins import Bins
 from biodyn_core.sessions.digest import LEVELLED, SQUARE, repeats_in
-from biodyn_core.sessions.repeats import recur
+from biodyn_core.sessions.repeats import unsure
 from biodyn_core.sessions.settings import SessionSettings
 
 QUIETEST_SHARE: Final = 0.05
@@ -36,11 +36,13 @@ class _Quiet:
     mean_mps2: Floats
 
 
-def find_rests(coarse: Bins, settings: SessionSettings) -> list[tuple[float, float]]:
+def find_rests(coarse: Bins, settings: SessionSettings, others_mps2: Floats | None = None) -> list[tuple[float, float]]:
     """The stretches in which the seat does not move: quiet for the session, with the mean reading of a stop.
 
-    A seat that repeats one reading is stuck, or too coarse to show its noise. Such a stretch is a rest if the seat
-    returns to its reading after motion, or without any other rest.
+    A seat that repeats one reading is stuck, or too coarse to show its noise. Such a stretch is a rest if another
+    sensor is quiet in it; without other sensors if the seat returns to its reading after motion. If no stretch is left,
+    all are rests in which no other sensor moves. others_mps2 (b,): the least rms of the other sensors in each interval,
+    NaN without any.
     """
     s, width_s = settings, coarse.width_s
     there = coarse.counts > 0.0
@@ -53,26 +55,25 @@ def find_rests(coarse: Bins, settings: SessionSettings) -> list[tuple[float, flo
     repeats = full & repeats_in(coarse)
     varied = full & ~repeats if (full & ~repeats).any() else full
     quietest = float(np.quantile(spread[varied], QUIETEST_SHARE))
+    others = np.full(full.shape, np.nan) if others_mps2 is None else others_mps2
     quiet = full & (spread <= min(s.rest_level_mps2, max(s.rest_floor_mps2, s.rest_ratio * quietest)))
+    quiet &= ~(repeats & (others > s.rest_level_mps2))
     parts = [
         _Quiet(begin, end, mean[begin:end].mean(axis=0))
         for first, last in stretches(quiet)
         for begin, end in _with_one_mean(mean, first, last, s.rest_drift_mps2)
         if (end - begin) * width_s >= s.rest_least_s
     ]
-    parts = _plausible(parts, repeats, s.rest_drift_mps2) or parts
+    known = others <= s.rest_level_mps2
+    parts = _plausible(parts, repeats & ~known, full & ~repeats, s.rest_drift_mps2) or parts
     return [(part.begin * width_s, part.end * width_s) for part in _standing(parts, width_s, s.rest_drift_mps2)]
 
 
-def _plausible(parts: Sequence[_Quiet], repeats: Flags, drift_mps2: float) -> list[_Quiet]:
+def _plausible(parts: Sequence[_Quiet], repeats: Flags, changing: Flags, drift_mps2: float) -> list[_Quiet]:
     """The parts in which the seat is not stuck."""
     means = np.array([part.mean_mps2 for part in parts]).reshape(-1, 3)
-    recurs = recur(means, [(part.begin, part.end) for part in parts], repeats, drift_mps2)
-    return [
-        part
-        for part, known in zip(parts, recurs, strict=True)
-        if known or float(repeats[part.begin : part.end].mean()) <= 0.5
-    ]
+    doubted = unsure(means, [(part.begin, part.end) for part in parts], repeats, changing, drift_mps2)
+    return [part for part, is_unsure in zip(parts, doubted, strict=True) if not is_unsure]
 
 
 def _with_one_mean(mean: Floats, first: int, last: int, drift_mps2: float) -> Iterator[tuple[int, int]]:

@@ -32,7 +32,7 @@ from biodyn_core.sessions.digest import (
 from biodyn_core.sessions.finding import Window, find, level_of, rms_of
 from biodyn_core.sessions.findings import Event, Fault, Findings, Rest, Shock, Timeline
 from biodyn_core.sessions.relative_drift import PhaseMeter, RelativeDrift, block_extent
-from biodyn_core.sessions.repeats import recur
+from biodyn_core.sessions.repeats import LEAST_SHARE, unsure
 from biodyn_core.sessions.settings import SessionSettings
 
 MISSING_SHARE: Final = 0.02
@@ -90,7 +90,7 @@ class Session:
             digest.finish()
         self._add_phases(final=True)
         fine = self._seat.fine
-        found = find(self._seat.coarse, fine, self.settings)
+        found = find(self._seat.coarse, fine, self.settings, self._least_rms_beside())
         rests = self._rests(found.rests)
         seconds = self._seconds()
         noticeable = dict(self._noticeable(seconds))
@@ -117,6 +117,12 @@ class Session:
             ),
         )
 
+    def _least_rms_beside(self) -> Floats:
+        """The least rms of the sensors beside the seat in each of its intervals; NaN without any."""
+        count = self._seat.coarse.counts.size
+        beside = [self._digests[name].rms(count) for name in self._present() if name != SEAT]
+        return np.fmin.reduce([np.full(count, np.nan), *beside])
+
     def _seconds(self) -> float:
         """The length of the session, by the seat."""
         return self._seat.fine.counts.size * self._seat.fine.width_s
@@ -142,7 +148,7 @@ class Session:
                 where = f"the rest from {rest.begin_s:.0f} to {rest.end_s:.0f} s"
                 if digest.stuck(*span).any():
                     yield f"{name}: repeats one reading in a part of {where}: its gravity leaves this part out"
-                elif name not in rest.gravity_mps2 and _repeats(digest, span):
+                elif _repeats(digest, span):
                     yield f"{name}: repeats one reading in {where}: its gravity is wrong if it was stuck"
                 else:
                     continue
@@ -259,9 +265,13 @@ def _readings_at_rest(digest: SensorDigest, spans: Sequence[Span]) -> list[Vecto
     known = [at for at, mean in enumerate(found) if mean is not None]
     here = [digest.coarse.extent(*spans[at]) for at in known]
     means = np.array([found[at] for at in known], dtype=np.float64).reshape(-1, 3)
-    recurs = recur(means, [(one.start, one.stop) for one in here], digest.repeats, SAME_REST_MPS2)
-    for at, returns in zip(known, recurs, strict=True):
-        if _repeats(digest, spans[at]) and not returns:
+    extents = [(one.start, one.stop) for one in here]
+    changing = (digest.coarse.counts > 0.0) & ~digest.repeats
+    repeats = digest.repeats
+    for at in known:
+        repeats &= ~digest.stuck(*spans[at])  # these have no part in the means
+    for at, is_unsure in zip(known, unsure(means, extents, repeats, changing, SAME_REST_MPS2), strict=True):
+        if is_unsure:
             found[at] = None
     return found
 
@@ -270,7 +280,7 @@ def _repeats(digest: SensorDigest, span: Span) -> bool:
     """Whether a sensor repeats one reading in most of a rest, as far as it is not known to be stuck there."""
     here = digest.coarse.extent(*span)
     usable = ~digest.stuck(*span)[here]
-    return bool(usable.any() and digest.repeats[here][usable].mean() > 0.5)
+    return bool(usable.any() and digest.repeats[here][usable].mean() > LEAST_SHARE)
 
 
 def _level_rests(rests: Sequence[Rest], least_deg: float) -> list[int]:
