@@ -163,7 +163,7 @@ def _dose(kind: str) -> list:
     window = 40.6  # samples, so that its block is full several times
     means = [1e-3, np.zeros(2), np.zeros((2, 42)), np.zeros(2), np.zeros(1, dtype=np.int64), window]
     restarts = [1.0, np.array([0, 0]), 5, np.zeros((2, 2), dtype=np.int64)]
-    return [given(kind, 2), sections, state, 2e-3, np.full(2, 0.3), *means, *restarts, *_tally(2, 6)]
+    return [given(kind, 2), sections, state, 2e-3, np.full(2, 0.3), *means, *restarts, *_tally(2, 7)]
 
 
 def _planar_dose(kind: str) -> list:

@@ -16,6 +16,7 @@ from scipy import signal
 from streams import subject
 
 from biodyn_core.base.errors import InputError
+from biodyn_core.base.segments import SENSORS
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.conditioning.gravity import Gravity
 from biodyn_core.exposure.checkpoint import ExposureCheckpoint
@@ -34,6 +35,8 @@ from biodyn_core.pipeline.continued_exposure import ContinuedExposure
 from biodyn_core.pipeline.pipeline import Pipeline
 from biodyn_core.pipeline.pipeline_settings import PipelineSettings
 from biodyn_core.signals.weighting import weighting_sections
+from biodyn_ros.node.health import HealthMonitor, SensorHealth
+from biodyn_ros.node.snapshot_builder import SnapshotBuilder
 from biodyn_ros.reports.exposure_json import exposure_document
 from biodyn_ros.reports.exposure_report import exposure_report
 
@@ -473,6 +476,43 @@ def test_no_restart_within_a_shock_raises_a_prediction_or_a_comparison(lost_s, o
         assert dose.vdv_mps175 <= 1.01 * of_all.vdv_mps175 and dose.peak_mps2 <= 1.01 * of_all.peak_mps2
         assert dose.mtvv_mps2 <= 1.01 * of_all.mtvv_mps2
     assert found.predicted["pelvis"].seconds > 4.0 and found.measured_low_passed["head"].seconds > 4.0
+    settling = [(dose, of_all) for dose, of_all in pairs if dose.settling_s > 0.0]
+    assert all(dose.aw_mps2 < of_all.aw_mps2 for dose, of_all in settling)
+    # Within the shock the seat's own samples are suspect, and its predictions begin after it.
+    assert bool(settling) == (of == "head" or lost_s[1] < 5.0)
+
+
+def test_the_seconds_in_which_a_weighting_settles_are_stated():
+    pipeline = ride(ride_with(5.0, 0.4, 3.0 * G), slice(rows_of(5.12), rows_of(5.18)), "head")
+    head = exposure_document(exposure_report(pipeline))["measured_low_passed"]["head"]
+    assert head["aw_lower_bound"] and head["suspect_s"] == pytest.approx(2.0, abs=0.1)
+    monitor = HealthMonitor(pipeline, {name: SensorHealth(now=lambda: 0.0) for name in SENSORS})
+    rows = SnapshotBuilder(5.0).snapshot(pipeline, monitor.check(), ())["rows"]
+    (row,) = (row for row in rows if row["name"] == "head")
+    assert row["measured_lower_bound"] and row["predicted_lower_bound"]
+
+
+def test_a_gap_of_the_seat_raises_no_compared_figure_of_another_sensor():
+    """The head moves strongly, the seat weakly: its gap restarts both."""
+    accel = ride_with(5.0, 0.4, 3.0 * G)
+    weak = 0.05 * accel
+    rows = np.zeros((2, len(accel), 3))
+    rows[:, :, 2] = weak, accel
+    kept = np.ones(len(accel), dtype=bool)
+    kept[rows_of(5.12) : rows_of(5.22)] = False
+    doses_of_head = []
+    for of_seat in (np.ones_like(kept), kept):
+        pipeline = Pipeline(subject())
+        for at in range(0, len(accel), 500):
+            here = slice(at, at + 500)
+            if of_seat[here].any():
+                pipeline.push("seat", stamps(len(accel))[here][of_seat[here]], raw(rows[0])[here][of_seat[here]])
+            pipeline.push("head", stamps(len(accel))[here], raw(rows[1])[here])
+        pipeline.finish()
+        doses_of_head.append(pipeline.exposure().measured_low_passed["head"])
+    true, found = doses_of_head
+    assert found.peak_mps2 <= 1.01 * true.peak_mps2 and found.vdv_mps175 <= true.vdv_mps175
+    assert found.settling_s == pytest.approx(2.0, abs=0.1)
 
 
 def test_a_record_that_begins_in_a_shock_has_no_low_passed_dose_of_its_restart():
@@ -578,8 +618,8 @@ def test_a_restart_keeps_sure_and_suspect_exposure_apart(at_s):
 @pytest.mark.parametrize(
     ("totals", "message"),
     [
-        (np.zeros((3, 3)), r"vertical \(suspect\): the stored totals have shape \(3, 3\), \(1, 6\) is needed"),
-        (np.full((1, 6), -1.0), r"vertical \(suspect\): a stored sum of powers is below zero"),
+        (np.zeros((3, 3)), r"vertical \(suspect\): the stored totals have shape \(3, 3\), \(1, 7\) is needed"),
+        (np.full((1, 7), -1.0), r"vertical \(suspect\): a stored sum of powers is below zero"),
     ],
 )
 def test_stored_totals_of_suspect_samples_that_do_not_fit_are_refused(totals, message):

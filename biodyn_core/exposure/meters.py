@@ -52,7 +52,8 @@ class Dose:
 
     MTVV is the largest running rms, by the linear average over 1 s (ISO 2631-1:1997, 6.3.1, Eq. 2) and by the
     exponential one (Eq. 3). Both running mean squares start at zero after a break or a reset, so both are lower bounds,
-    and neither contains what was before a reset.
+    and neither contains what was before a reset. settling_s: counted seconds that no figure contains, because a
+    weighting had restarted in strong motion.
     """
 
     aw_mps2: float
@@ -61,11 +62,17 @@ class Dose:
     vdv_mps175: float
     peak_mps2: float
     seconds: float
+    settling_s: float = 0.0
 
     @property
     def mtvv_mps2(self) -> float:
         """The larger MTVV: the standard allows both averages, and either may be the larger."""
         return max(self.mtvv_linear_mps2, self.mtvv_exponential_mps2)
+
+    @property
+    def has_figures(self) -> bool:
+        """Whether it contains a sample."""
+        return self.seconds > self.settling_s
 
     @property
     def crest_factor(self) -> float | None:
@@ -207,9 +214,9 @@ class Meter(ABC, Generic[Figures]):
 class DoseMeter(Meter[tuple[Dose, ...]]):
     """aw, MTVV, VDV and peak, one `Dose` for each of the channels: `push` blocks (n, c) of m/s^2, unweighted.
 
-    groups (c,): the group of each channel, by the number of one of its channels. Where the weighting of one restarts
-    after missing samples in strong motion, no channel of the group is counted until it has settled: the restart may
-    raise figures. Without groups it counts at once.
+    groups (c,): the group of each channel, by the number of one of its channels. Where the weighting of one restarts in
+    strong motion, which may raise figures, the samples of the group are in no figure until it has settled; their time
+    counts. Without groups they count at once.
     """
 
     _count = 2
@@ -234,7 +241,7 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
         self._settle = 0 if groups is None else round(LONGEST_SETTLING_S * rate_hz)
         self._restarts = np.zeros((2, channels), dtype=np.int64)
         self._was_suspect = False
-        self._tally = Tally(rate_hz, channels, 6, 3, window_s)
+        self._tally = Tally(rate_hz, channels, 7, 4, window_s)
 
     def begin(self, accel_mps2: Floats) -> None:
         """Start in motion, before the first block: `accel_mps2` (n, c) are the first readings. See `_Weighting`."""
@@ -255,6 +262,7 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
     def skip(self, seconds: float) -> None:
         """Move on by a break of that length."""
         samples = self._skip(seconds)
+        self._restarts[0] = 1
         self._filled[0] = (self._filled[0] + samples) % (self._squares.shape[1] - 1)
         self._weighting.restart()
         self._clear_averages()
@@ -281,8 +289,9 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
                 vdv_mps175=(fourth / self._rate_hz) ** 0.25,
                 peak_mps2=peak,
                 seconds=count / self._rate_hz,
+                settling_s=settling / self._rate_hz,
             )
-            for square, fourth, count, peak, linear, exponential in rows.tolist()
+            for square, fourth, count, settling, peak, linear, exponential in rows.tolist()
         )
 
 

@@ -72,7 +72,10 @@ def dose(
     partial: Floats, filled: Integers, window: float, strong: float, groups: Integers, settle: int, restarts: Integers,
     bin_: Floats, total: Floats, ring: Floats, position: Integers, length: int,
 ) -> None:  # fmt: skip
-    """Weight x (n, c), accumulate per channel: sum a^2, sum a^4, samples, peak |a|, peaks of two running mean squares.
+    """Weight x (n, c), accumulate per channel; bin_ has 7 columns.
+
+    They are the sums of a^2 and a^4, samples, those of them that settle, peak |a|, and the peaks of two running mean
+    squares.
 
     The linear one is over the last `window` samples (ISO 2631-1:1997, 6.3.1, Eq. 2); with a fractional window the
     oldest sample counts in part. running (c,) is the exponential one (Eq. 3 in recursive form). level (c,) is the
@@ -82,9 +85,9 @@ def dose(
     is partial (c,), then for each sample of the previous block the sum from it to the end of that block. Nothing is
     subtracted, so a shock that has left the window leaves no rounding error.
 
-    After a missing sample the sections restart. If a channel then differs by more than `strong` from its level, no
-    channel of its group, groups (c,), is counted for `settle` samples; 0 for no such rule. restarts (2, c): whether the
-    last sample of each channel was missing, and by group the samples left.
+    After a missing sample the sections restart. If a channel then differs by more than `strong` from its level, all
+    channels of its group, groups (c,), settle for `settle` samples, which only count; 0 for no such rule. restarts
+    (2, c): whether the last sample of each channel was missing, and by group the samples left.
     """
     block = squares.shape[1] - 1
     share = window - math.floor(window)
@@ -107,6 +110,8 @@ def dose(
                 state[s, 1, c] = sos[s, 2] * fed - sos[s, 5] * value
             if restarts[1, groups[c]] > 0:
                 _clear_averages(running, squares, partial, c)
+                bin_[c, 2] += 1.0
+                bin_[c, 3] += 1.0
                 continue
             square = value * value
             running[c] += decay * (square - running[c])
@@ -119,13 +124,13 @@ def dose(
             bin_[c, 0] += square
             bin_[c, 1] += square * square
             bin_[c, 2] += 1.0
-            bin_[c, 3] = max(bin_[c, 3], abs(value))
-            bin_[c, 4] = max(bin_[c, 4], (share * longer + (1.0 - share) * shorter) / window)
-            bin_[c, 5] = max(bin_[c, 5], running[c])
+            bin_[c, 4] = max(bin_[c, 4], abs(value))
+            bin_[c, 5] = max(bin_[c, 5], (share * longer + (1.0 - share) * shorter) / window)
+            bin_[c, 6] = max(bin_[c, 6], running[c])
         filled[0] = after
         position[0] += 1
         if position[0] == length:
-            _close_bin(bin_, total, ring, position, 3)
+            _close_bin(bin_, total, ring, position, 4)
 
 
 @compiled

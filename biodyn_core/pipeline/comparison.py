@@ -76,9 +76,9 @@ def _by_segment(doses: tuple[Dose, ...]) -> dict[str, Compared]:
     found = {name: Compared(None, dose, seat) for name, dose in zip(SEGMENTS, segments, strict=True)}
     for column, name in enumerate(MEASURED_SEGMENTS):
         measured, predicted, seat_there = triples[column :: len(MEASURED_SEGMENTS)]
-        if measured.seconds > 0.0:
+        if measured.has_figures:
             found[name] = Compared(measured, predicted, seat_there)
-    return {name: compared for name, compared in found.items() if compared.predicted.seconds > 0.0}
+    return {name: compared for name, compared in found.items() if compared.predicted.has_figures}
 
 
 _NO_BREAK: Final = np.full(1, np.nan)

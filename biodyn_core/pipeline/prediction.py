@@ -161,7 +161,7 @@ class SeatPredictor:
         """Doses of the predictions by segment, of those with counted samples."""
         self._count_all()
         doses = self.doses.rolling() if rolling else self.doses.since_reset()
-        return {name: dose for name, dose in zip(SEGMENTS, doses, strict=True) if dose.seconds > 0.0}
+        return {name: dose for name, dose in zip(SEGMENTS, doses, strict=True) if dose.has_figures}
 
     def suspect_s(self, rolling: bool = False) -> float:
         """Seconds of suspect samples, which count in no predicted figure except their time."""
@@ -183,7 +183,7 @@ class SeatPredictor:
     def measured(self, rolling: bool, sensors: tuple[str, ...]) -> dict[str, Dose]:
         """Doses of the low-passed measurements on the seat's grid, of the sensors named that have counted samples."""
         doses = self.comparison.doses.rolling() if rolling else self.comparison.doses.since_reset()
-        return {name: dose for name, dose in zip(SENSORS, doses, strict=True) if name in sensors and dose.seconds > 0.0}
+        return {name: dose for name, dose in zip(SENSORS, doses, strict=True) if name in sensors and dose.has_figures}
 
     def residual(self, rolling: bool) -> dict[str, tuple[float, float]]:
         """(rms m/s^2, rms over measured rms in percent) by segment, for those that were compared."""

@@ -173,16 +173,16 @@ def _rows(
     """
     rows = []
     for name in ROWS:
-        found, model, seat_mps2 = _compared_mps2(rolling, name)
+        found, model, seat_mps2, settles = _compared_mps2(rolling, name)
         rms_mps2, percent = rolling.residual.get(name, (None, None))
         force, spread = rolling.joint_forces.get(name), rolling.spreads.get(name)
         rows.append(
             {
                 "name": words(name),
                 "measured_mps2": found,
-                "measured_lower_bound": name in lower_bounds,
+                "measured_lower_bound": name in lower_bounds or settles,
                 "predicted_mps2": model,
-                "predicted_lower_bound": SEAT in lower_bounds,
+                "predicted_lower_bound": SEAT in lower_bounds or settles,
                 "predicted_interval_mps2": figure_interval(model, spread.accel.of_means) if model and spread else None,
                 "measured_ratio": _ratio(found, seat_mps2) if name != SEAT else None,
                 "predicted_ratio": _ratio(model, seat_mps2),
@@ -200,15 +200,18 @@ def _rows(
     return rows
 
 
-def _compared_mps2(rolling: Exposure, name: str) -> tuple[float | None, float | None, float]:
-    """Weighted acceleration measured and predicted (None: unknown), and of the seat over the same samples, m/s^2."""
+def _compared_mps2(rolling: Exposure, name: str) -> tuple[float | None, float | None, float, bool]:
+    """Weighted acceleration measured and predicted (None: unknown), and of the seat over the same samples, m/s^2.
+
+    The last value is whether they contain the time of samples that are in no figure, because a weighting settles.
+    """
     if name == SEAT:
         dose = rolling.measured_low_passed.get(SEAT)
-        return (dose.aw_mps2, None, dose.aw_mps2) if dose and dose.seconds > 0.0 else (None, None, 0.0)
+        return (dose.aw_mps2, None, dose.aw_mps2, dose.settling_s > 0.0) if dose else (None, None, 0.0, False)
     if name not in rolling.compared:
-        return None, None, 0.0
+        return None, None, 0.0, False
     measured, predicted, seat = rolling.compared[name]
-    return measured.aw_mps2 if measured else None, predicted.aw_mps2, seat.aw_mps2
+    return measured.aw_mps2 if measured else None, predicted.aw_mps2, seat.aw_mps2, predicted.settling_s > 0.0
 
 
 def _sensor(status: Status) -> dict[str, Any]:

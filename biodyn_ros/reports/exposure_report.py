@@ -242,7 +242,11 @@ def _model_warnings(pipeline: Pipeline) -> Iterator[str]:
 
 
 def _channels(doses: Mapping[str, Dose], lost: Mapping[str, Losses]) -> dict[str, ChannelExposure]:
-    return {name: ChannelExposure(dose, lost[name]) for name, dose in doses.items()}
+    """Doses with their losses; where a weighting settles, samples are suspect too."""
+    return {
+        name: ChannelExposure(dose, lost[name]._replace(suspect_s=lost[name].suspect_s + dose.settling_s))
+        for name, dose in doses.items()
+    }
 
 
 def _misfits(pipeline: Pipeline) -> Iterator[MisfitTime]:
