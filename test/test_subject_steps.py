@@ -473,11 +473,12 @@ def test_the_given_file_of_a_person_is_never_a_result(
     given = tmp_path / "anna" / file  # the directory of another person
     given.parent.mkdir(parents=True)
     given.write_text(SUBJECT.to_yaml())
-    (tmp_path / "s.mcap").touch()
+    for name in ("s.mcap", "t.mcap"):
+        (tmp_path / name).touch()
     campaign = people_file(
         tmp_path,
         f"people: [{{subject: anna/{file}, sessions: [s.mcap], name: ben}},"
-        f" {{subject: subject_1, sessions: [s.mcap], name: anna}}]",
+        f" {{subject: subject_1, sessions: [t.mcap], name: anna}}]",
     )
     assert main(["subject", "--campaign", str(campaign), "-o", str(tmp_path)]) == 2
     assert f"anna/{file}: is an input, and a result would replace it" in capsys.readouterr().err
