@@ -142,6 +142,18 @@ def test_a_reading_that_is_sent_again_is_no_rest_against_one_with_noise_nearer_t
     assert "from 0.0 s on it repeats another reading: was it stuck?" in found.warning(vertical_given=False)
 
 
+@pytest.mark.parametrize("apart_mps2", [0.3, 0.5, 0.7, 0.9])
+def test_a_true_rest_after_a_stuck_reading_is_found_by_its_return(apart_mps2):
+    """A coarse sensor: a default reading for 2.5 s, then its own, motion, and a stop with its own reading again."""
+    samples = np.round(swaying(20.0, still=(0.0, 6.0)) / 0.1) * 0.1
+    own = (apart_mps2, 0.0, 9.8)
+    for begin_s, end_s, reading in ((0.0, 2.5, (0.0, 0.0, 9.8)), (2.5, 6.0, own), (14.0, 20.0, own)):
+        samples[round(begin_s * RATE_HZ) : round(end_s * RATE_HZ)] = reading
+    found = searched(samples)
+    np.testing.assert_allclose(found.mean_mps2, own, atol=1e-6)
+    assert "from 0.0 s on it repeats another reading: was it stuck?" in found.warning(vertical_given=False)
+
+
 def test_noise_that_begins_after_a_repeated_reading_is_the_same_rest():
     samples = swaying(8.0, still=(0.0, 4.0))
     samples[: round(2.0 * RATE_HZ)] = (0.0, 0.0, G)

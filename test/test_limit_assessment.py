@@ -480,7 +480,7 @@ def test_a_value_that_only_suspect_samples_reach_is_undecided_and_has_no_time_le
     assert (seat.zone, seat.may_be_reached, seat.governing, seat.axis) == ("undecided", "action", "vdv", "z")
     assert seat.zone_reason == (
         "the counted exposure reaches no value of 2002/44/EC, but VDV is 9.80 m/s^1.75 (action value 9.1) with the 2 s"
-        " after losses within strong motion, and with as much in these losses as near them"
+        " after losses within strong motion"
     )
     assert seat.vdv_so_far_mps175 == 7.0 and seat.lower_bound and seat.suspect_s == 2.0
     assert seat.withheld and seat.withheld in seat.zone_reason
@@ -505,7 +505,7 @@ def test_below_a_value_the_suspect_samples_count():
     seat = doubted(upward(0.2, 3.0, HOUR), upward(0.2, 4.55, HOUR))
     assert (seat.zone, seat.may_be_reached) == ("below_action_value", None)
     assert "VDV so far is 4.55" in seat.zone_reason
-    assert seat.zone_reason.endswith("; the figures contain the 2 s after losses within strong motion")
+    assert seat.zone_reason.endswith("; the figures are with the 2 s after losses within strong motion")
     assert seat.vdv_so_far_mps175 == 3.0 and seat.seconds == HOUR
     assert seat.time_to_action_value_s == pytest.approx(15.0 * HOUR)
     assert seat.vdv_projected_8h_mps175 == pytest.approx(4.55 * 8.0**0.25)
@@ -570,4 +570,4 @@ def test_every_doubt_is_named():
             upward(0.2, sure, HOUR), Plane(), 0.0, EU_LIMITS, quality, with_suspect=upward(0.2, 22.0, HOUR)
         )
         assert seat.zone == zone
-        assert "as near them; and 3 samples are clipped at the seat" in seat.zone_reason
+        assert "within strong motion; and 3 samples are clipped at the seat" in seat.zone_reason

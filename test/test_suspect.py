@@ -424,6 +424,32 @@ def test_a_shock_whose_peak_is_lost_is_not_called_below_the_action_value(lost_s)
     assert "with as much in these losses as near them" in found.zone_reason
 
 
+@pytest.mark.parametrize("lost_s", [(5.02, 5.15), (5.045, 5.13)])
+def test_a_gap_to_the_end_of_a_shock_is_not_called_below_the_action_value(lost_s):
+    """Nothing after the gap is strong, so nothing is suspect."""
+    accel = ride_with(5.0, 0.1, 4.0 * G, 12.0)
+    found = ride(accel, slice(*map(rows_of, lost_s))).seat(project=True)
+    assert found.suspect_s == 0.0 and found.zone == "undecided" and found.may_be_reached is not None
+    assert "with as much in the losses within strong motion as near them" in found.zone_reason
+    assert found.time_to_action_value_s is None and found.vdv_projected_8h_mps175 is None
+
+
+def test_a_loss_that_hides_less_shortens_the_time_left():
+    accel = ride_with(5.0, 0.1, 2.8 * G)
+    true, found = ride(accel).seat(), ride(accel, slice(rows_of(5.02), rows_of(5.08))).seat(project=True)
+    assert true.zone == found.zone == "below_action_value" and true.vdv_so_far_mps175 > 8.5
+    assert found.time_to_action_value_s < 40.0 and found.vdv_projected_8h_mps175 > 40.0
+    assert found.zone_reason.endswith("and with as much in these losses as near them")
+
+
+def test_a_crest_factor_is_of_the_samples_in_the_figures():
+    time = np.arange(rows_of(14.0)) / RATE_HZ
+    accel = np.where(time > 1.2, 8.0 * np.sin(2.0 * np.pi * 3.0 * time), 0.0)
+    true = ride(accel).exposure().predicted["pelvis"].crest_factor
+    found = ride(accel, slice(rows_of(5.0), rows_of(5.1))).exposure().predicted["pelvis"]
+    assert found.left_out_s > 1.9 and found.crest_factor == pytest.approx(true, rel=0.03)
+
+
 @pytest.mark.parametrize("lost", [slice(0, 0), slice(3000, 3002), slice(7000, 7060)])
 def test_nothing_is_hidden_without_a_loss_in_strong_motion(lost):
     pipeline = ride(ride_with(5.0, 0.1, 4.0 * G), lost)
@@ -476,10 +502,8 @@ def test_no_restart_within_a_shock_raises_a_prediction_or_a_comparison(lost_s, o
         assert dose.vdv_mps175 <= 1.01 * of_all.vdv_mps175 and dose.peak_mps2 <= 1.01 * of_all.peak_mps2
         assert dose.mtvv_mps2 <= 1.01 * of_all.mtvv_mps2
     assert found.predicted["pelvis"].seconds > 4.0 and found.measured_low_passed["head"].seconds > 4.0
-    settling = [(dose, of_all) for dose, of_all in pairs if dose.settling_s > 0.0]
-    assert all(dose.aw_mps2 < of_all.aw_mps2 for dose, of_all in settling)
-    # Within the shock the seat's own samples are suspect, and its predictions begin after it.
-    assert bool(settling) == (of == "head" or lost_s[1] < 5.0)
+    left_out = [(dose, of_all) for dose, of_all in pairs if dose.left_out_s > 0.0]
+    assert left_out and all(dose.aw_mps2 < of_all.aw_mps2 for dose, of_all in left_out)
 
 
 def test_the_seconds_in_which_a_weighting_settles_are_stated():
@@ -512,7 +536,7 @@ def test_a_gap_of_the_seat_raises_no_compared_figure_of_another_sensor():
         doses_of_head.append(pipeline.exposure().measured_low_passed["head"])
     true, found = doses_of_head
     assert found.peak_mps2 <= 1.01 * true.peak_mps2 and found.vdv_mps175 <= true.vdv_mps175
-    assert found.settling_s == pytest.approx(2.0, abs=0.1)
+    assert found.left_out_s == pytest.approx(2.0, abs=0.1)
 
 
 def test_a_record_that_begins_in_a_shock_has_no_low_passed_dose_of_its_restart():

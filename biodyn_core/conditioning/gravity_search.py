@@ -26,7 +26,7 @@ from biodyn_core.conditioning.gravity import (
     angle_deg,
 )
 from biodyn_core.conditioning.rest import RestWindow
-from biodyn_core.conditioning.tilt import Vector, gravity_and_vertical
+from biodyn_core.conditioning.tilt import Vector, gravity_and_vertical, is_gravity
 from biodyn_core.kernels import sensor as kernel
 
 LONE_STAMPS: Final = 10
@@ -169,7 +169,8 @@ class GravitySearch:
         repeated = self._repeated(alike)
         if with_noise is not None and repeated is not None:
             if math.dist(repeated.mean_mps2, with_noise.mean_mps2) <= SAME_REST_MPS2:
-                return replace(repeated, is_constant=False) if repeated.origin == "begin" else with_noise
+                first = repeated if repeated.origin == "begin" else with_noise
+                return replace(first, is_constant=False, stuck_at_s=repeated.stuck_at_s)
             if repeated.is_constant or not _is_nearer(repeated, with_noise, motion):
                 return replace(with_noise, stuck_at_s=repeated.at_s)
             return repeated
@@ -183,14 +184,15 @@ class GravitySearch:
         returns = _Returns([part for part in self._parts if not part.is_constant], rests)
         if begin is not None and returns.to(begin.mean_mps2, 0):
             return replace(begin, is_constant=False)
-        repeated = [one for one in rests if one.is_constant]
-        before: _Part | None = None
-        for window in repeated:
-            # Of the windows of one stretch the first is enough.
-            continues = before is not None and window.slot == before.slot + 1 and _is_same(window, before)
-            before = window
-            if not continues and returns.to(window.mean_mps2, window.end):
-                return self._at(window)
+        tested: Vector | None = None
+        for window in (one for one in rests if one.rms_mps2 <= STUCK_MPS2):
+            # Of the windows with one reading the first is enough.
+            if tested is not None and math.dist(window.mean_mps2, tested) <= STUCK_MPS2:
+                continue
+            tested = window.mean_mps2
+            # A steady acceleration upwards returns too, but is no gravity.
+            if is_gravity(math.hypot(*tested)) and returns.to(tested, window.end):
+                return self._at(window) if begin is None else replace(self._at(window), stuck_at_s=0.0)
         return begin
 
     def _at(self, window: _Part) -> Gravity:
@@ -251,10 +253,6 @@ def _joined(parts: Sequence[_Part]) -> _Part:
         np.sum([part.sum_mps2 for part in parts], axis=0), math.fsum(part.squares for part in parts),
         any(part.is_constant for part in parts),
     )  # fmt: skip
-
-
-def _is_same(one: _Part, other: _Part) -> bool:
-    return math.dist(one.mean_mps2, other.mean_mps2) <= SAME_REST_MPS2
 
 
 def _is_nearer(one: Gravity, other: Gravity, motion: _Part) -> bool:

@@ -132,18 +132,19 @@ def seat_exposure(
     Without a yaw the horizontal axes are unknown, and the largest over all directions is used for both, a value never
     below either. project: to eight hours from less than 20 minutes too.
 
-    with_suspect: the vertical with suspect samples, None without any. Only without them a value is surely reached;
-    times and projections contain them. with_hidden: the same with what losses within strong motion may hide; a zone
-    below a value contains both.
+    with_suspect: the vertical with suspect samples, None without any; with_hidden: the same with what losses within
+    strong motion may hide. Only without both a value is surely reached; times, projections and the zone below a value
+    contain both.
     """
     complete, has_suspect, seconds = with_suspect or vertical, with_suspect is not None, vertical.seconds
     missing_axes = _missing_axes(complete, horizontal, has_suspect)
     axes = _Axes.of(vertical, horizontal, yaw_rad, missing_axes)
     all_axes = _Axes.of(complete, horizontal, yaw_rad, missing_axes, has_suspect)
-    most_axes = _Axes.of(with_hidden or complete, horizontal, yaw_rad, missing_axes, has_suspect)
-    sure, whole, most = (_counted(each, seconds, quality) for each in (axes, all_axes, most_axes))
-    deciding = _assess(limits.deciding, sure, whole, most)
-    withheld = whole.withheld or _doubt(limits.deciding, sure, most)
+    hidden_axes = _Axes.of(with_hidden or complete, horizontal, yaw_rad, missing_axes, has_suspect)
+    sure, whole = (_counted(each, seconds, quality) for each in (axes, hidden_axes))
+    whole = dataclasses.replace(whole, has_hidden=with_hidden not in (None, complete))
+    deciding = _assess(limits.deciding, sure, whole)
+    withheld = whole.withheld or _doubt(limits.deciding, sure, whole)
     projects = withheld is None and (project or seconds >= PROJECTION_AFTER_S) and seconds <= EIGHT_HOURS_S
     scale = EIGHT_HOURS_S / seconds if projects else math.nan
     return SeatExposure(
@@ -164,7 +165,7 @@ def seat_exposure(
         projected_from_s=seconds if projects else None,
         projected_lower_bound=_lacks_axis(axes, quality),
         shock_ratios=_shock_ratios((vertical, axes), (complete, all_axes), deciding.axis),
-        additional=tuple(_assess(each, sure, whole, most) for each in limits.additional),
+        additional=tuple(_assess(each, sure, whole) for each in limits.additional),
     )
 
 
@@ -216,6 +217,7 @@ class _Counted:
     lower_bound: bool
     withheld: str | None
     uncertainty: str | None
+    has_hidden: bool = False
 
     @property
     def elapsed_s(self) -> float:
@@ -281,28 +283,28 @@ def _used(limits: LimitSet, exposure: _Counted, kind: Kind) -> _Used:
     return max(found, key=lambda used: used.share)
 
 
-def _may_be_reached(limits: LimitSet, sure: _Counted, most: _Counted) -> Kind | None:
+def _may_be_reached(limits: LimitSet, sure: _Counted, whole: _Counted) -> Kind | None:
     """The highest value that the exposure reaches with suspect samples and hidden motion alone."""
-    with_them = [kind for kind in KINDS if _used(limits, most, kind).share >= 1.0 > _used(limits, sure, kind).share]
+    with_them = [kind for kind in KINDS if _used(limits, whole, kind).share >= 1.0 > _used(limits, sure, kind).share]
     return with_them[-1] if with_them else None
 
 
-def _doubt(limits: LimitSet, sure: _Counted, most: _Counted) -> str | None:
+def _doubt(limits: LimitSet, sure: _Counted, whole: _Counted) -> str | None:
     """Why a value may be reached that is not surely reached."""
-    if (kind := _may_be_reached(limits, sure, most)) is None:
+    if (kind := _may_be_reached(limits, sure, whole)) is None:
         return None
-    _, measure, value = _used(limits, most, kind)
+    _, measure, value = _used(limits, whole, kind)
     return (
-        f"{_NAME[measure]} is {number(most.so_far[measure])} {_UNIT[measure]} ({kind} value {value:g}) with"
-        f" {_suspect(most)}, and with as much in these losses as near them"
+        f"{_NAME[measure]} is {number(whole.so_far[measure])} {_UNIT[measure]} ({kind} value {value:g}) with"
+        f" {_uncertain(whole)}"
     )
 
 
-def _assess(limits: LimitSet, sure: _Counted, whole: _Counted, most: _Counted) -> LimitAssessment:
-    """Assess the exposure without suspect samples (sure), with them (whole), and with hidden motion too (most)."""
+def _assess(limits: LimitSet, sure: _Counted, whole: _Counted) -> LimitAssessment:
+    """Assess the exposure without suspect samples (`sure`), and with them and with hidden motion (`whole`)."""
     action, limit = (_used(limits, whole, kind) for kind in KINDS)
     sure_action, sure_limit = (_used(limits, sure, kind) for kind in KINDS)
-    suspect = _doubt(limits, sure, most)
+    suspect = _doubt(limits, sure, whole)
     doubt = "; and ".join(reason for reason in (suspect, whole.uncertainty) if reason)
     governing, axes = limit.measure if limit.share >= 1.0 else action.measure, whole.axis
     zone: Zone = "undecided"
@@ -316,7 +318,7 @@ def _assess(limits: LimitSet, sure: _Counted, whole: _Counted, most: _Counted) -
             reason += f"; whether the limit value is reached too is undecided, because {doubt}"
     elif doubt:
         reason = f"the counted exposure reaches no value of {limits.source}, but {doubt}"
-    elif _used(limits, most, "action").share * whole.elapsed_s / whole.counted_s < 1.0:
+    elif action.share * whole.elapsed_s / whole.counted_s < 1.0:
         zone, reason = "below_action_value", _below(limits, whole)
     else:
         reason = (
@@ -327,7 +329,7 @@ def _assess(limits: LimitSet, sure: _Counted, whole: _Counted, most: _Counted) -
         source=limits.source,
         zone=zone,
         zone_reason=reason,
-        may_be_reached=_may_be_reached(limits, sure, most),
+        may_be_reached=_may_be_reached(limits, sure, whole),
         governing=governing,
         axis=axes[governing],
         time_to_action_value_s=None if suspect and sure_action.share < 1.0 else whole.left_s(action.share),
@@ -353,13 +355,19 @@ def _below(limits: LimitSet, exposure: _Counted) -> str:
     stated = f"value{'s' if len(values) > 1 else ''} of {' and '.join(f'{value:g}' for value in values.values())}"
     missing_s, allowed = exposure.losses.missing_s, f"within the {100.0 * MAX_MISSING_SHARE:g} % allowed"
     missing = f"; {missing_s:.3g} s are missing, {allowed}" if missing_s > 0.0 else ""
-    if exposure.losses.suspect_s > 0.0:
-        missing += f"; the figures contain {_suspect(exposure)}"
+    if exposure.has_hidden or exposure.losses.suspect_s > 0.0:
+        missing += f"; the figures are with {_uncertain(exposure)}"
     return f"{figures}: below the action {stated} ({limits.source}){missing}"
 
 
-def _suspect(exposure: _Counted) -> str:
-    return f"the {exposure.losses.suspect_s:.3g} s after losses within strong motion"
+def _uncertain(exposure: _Counted) -> str:
+    """What losses within strong motion make uncertain."""
+    after = f"the {exposure.losses.suspect_s:.3g} s after losses within strong motion"
+    if not exposure.has_hidden:
+        return after
+    if exposure.losses.suspect_s == 0.0:
+        return "as much in the losses within strong motion as near them"
+    return f"{after}, and with as much in these losses as near them"
 
 
 def _so_far(exposure: _Counted, measure: Measure, shown: str) -> str:

@@ -52,8 +52,8 @@ class Dose:
 
     MTVV is the largest running rms, by the linear average over 1 s (ISO 2631-1:1997, 6.3.1, Eq. 2) and by the
     exponential one (Eq. 3). Both running mean squares start at zero after a break or a reset, so both are lower bounds,
-    and neither contains what was before a reset. settling_s: counted seconds that no figure contains, because a
-    weighting had restarted in strong motion.
+    and neither contains what was before a reset. left_out_s: counted seconds that no figure contains, suspect ones and
+    those after the restart of a weighting in strong motion.
     """
 
     aw_mps2: float
@@ -62,7 +62,7 @@ class Dose:
     vdv_mps175: float
     peak_mps2: float
     seconds: float
-    settling_s: float = 0.0
+    left_out_s: float = 0.0
 
     @property
     def mtvv_mps2(self) -> float:
@@ -72,12 +72,15 @@ class Dose:
     @property
     def has_figures(self) -> bool:
         """Whether it contains a sample."""
-        return self.seconds > self.settling_s
+        return self.seconds > self.left_out_s
 
     @property
     def crest_factor(self) -> float | None:
         """Weighted peak over aw, None where aw is zero."""
-        return self.peak_mps2 / self.aw_mps2 if self.aw_mps2 > 0.0 else None
+        if self.aw_mps2 == 0.0:
+            return None
+        # The peak is of the samples in the figures, and so must the mean be.
+        return self.peak_mps2 / self.aw_mps2 * math.sqrt(1.0 - self.left_out_s / self.seconds)
 
 
 class _Weighting:
@@ -219,7 +222,7 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
     counts. Without groups they count at once.
     """
 
-    _count = 2
+    _count, _left_out = 2, 3
 
     def __init__(
         self,
@@ -263,6 +266,7 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
         """Move on by a break of that length."""
         samples = self._skip(seconds)
         self._restarts[0] = 1
+        self._restarts[1] = np.maximum(self._restarts[1] - samples, 0)
         self._filled[0] = (self._filled[0] + samples) % (self._squares.shape[1] - 1)
         self._weighting.restart()
         self._clear_averages()
@@ -275,6 +279,11 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
         super().reset()
         if averages:
             self._clear_averages()
+
+    def _sure(self, rolling: bool) -> Floats:
+        rows = super()._sure(rolling)
+        rows[:, self._left_out] += self.suspect_samples(rolling)
+        return rows
 
     def _clear_averages(self) -> None:
         for average in (self._running, self._squares, self._partial):
@@ -289,7 +298,7 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
                 vdv_mps175=(fourth / self._rate_hz) ** 0.25,
                 peak_mps2=peak,
                 seconds=count / self._rate_hz,
-                settling_s=settling / self._rate_hz,
+                left_out_s=settling / self._rate_hz,
             )
             for square, fourth, count, settling, peak, linear, exponential in rows.tolist()
         )

@@ -190,8 +190,10 @@ class Pipeline:
         losses, is_silent = self.losses(SEAT), self.timelines.silent_s(SEAT) > 0.0
         quality = DataQuality(losses, is_silent, status.gravity_mps2, status.fault, status.unusable_s)
         yaw_rad = self._forward_rad(status.vertical)
-        complete = [meters.vertical_with_suspect(hidden) for hidden in (False, True)] if losses.suspect_s > 0.0 else ()
-        return seat_exposure(meters.vertical(), meters.plane(), yaw_rad, self.limits, quality, project, *complete)
+        vertical, *complete = meters.vertical(), meters.vertical_with_suspect(), meters.vertical_with_suspect(True)
+        if losses.suspect_s == 0.0 and complete[0] == complete[1]:
+            complete = []
+        return seat_exposure(vertical, meters.plane(), yaw_rad, self.limits, quality, project, *complete)
 
     def _forward_rad(self, vertical: Vector | None) -> float | None:
         """The vehicle's forward direction in the axes of the seat's horizontal meter; None where yaw is unknown.

@@ -89,10 +89,10 @@ class SensorDigest:
         return repeats_in(self.coarse)
 
     def rms(self, intervals: int) -> Floats:
-        """The rms over all axes about the mean of each of so many intervals; NaN without samples."""
+        """The rms over all axes about the mean of each of so many intervals; NaN without samples and changes."""
         counts, sums = self.coarse.counts[:intervals], self.coarse.sums[:intervals]
         found = np.full(intervals, np.nan)
-        there = np.flatnonzero(counts > 0.0)
+        there = np.flatnonzero((counts > 0.0) & ~self.repeats[:intervals])
         mean = sums[there, LEVELLED] / counts[there, None]
         found[there] = np.sqrt(np.maximum(sums[there, SQUARE] / counts[there] - (mean**2).sum(axis=1), 0.0))
         return found

@@ -22,7 +22,7 @@ from biodyn_core.body.model import WARM_UP_S
 from biodyn_core.recording.flags import stretches
 from biodyn_core.sessions.bins import Bins
 from biodyn_core.sessions.digest import COARSE_S, HIGH, LOW_PASSED
-from biodyn_core.sessions.rests import find_rests
+from biodyn_core.sessions.rests import Beside, find_rests
 from biodyn_core.sessions.settings import SessionSettings
 
 Kind = Literal["train", "shock", "steady"]
@@ -75,10 +75,10 @@ class Found:
     left_out: tuple[str, ...]
 
 
-def find(coarse: Bins, fine: Bins, settings: SessionSettings | None = None, others_mps2: Floats | None = None) -> Found:
-    """Find rests, shocks and steady stretches; others_mps2: see `find_rests`."""
+def find(coarse: Bins, fine: Bins, settings: SessionSettings | None = None, others: Beside | None = None) -> Found:
+    """Find rests, shocks and steady stretches; others: see `find_rests`."""
     s = settings or SessionSettings()
-    resting = find_rests(coarse, s, others_mps2)
+    resting = find_rests(coarse, s, others)
     shocks_at = find_shocks(fine, s)
     windows: list[Window] = []
     left_out: list[str] = []

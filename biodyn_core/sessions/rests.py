@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,10 @@ from biodyn_core.sessions.settings import SessionSettings
 
 QUIETEST_SHARE: Final = 0.05
 """The share of a session, by its quietest half seconds, that shows how still the vehicle can be."""
+
+MOVING_INTERVALS: Final = 10
+MOVING_SHARE: Final = 0.75
+"""The other sensors move where they do so in this share of 5 s: a person who nods at a stop does not."""
 
 ONE_STOP_S: Final = 5.0
 """In a shorter time no vehicle comes from a stop on one slope to a stop on another."""
@@ -36,13 +40,36 @@ class _Quiet:
     mean_mps2: Floats
 
 
-def find_rests(coarse: Bins, settings: SessionSettings, others_mps2: Floats | None = None) -> list[tuple[float, float]]:
+class Beside(NamedTuple):
+    """The sensors beside the seat, by interval (b,): whether one of them is quiet, and whether all of them move."""
+
+    quiet: Flags
+    moving: Flags
+
+
+def beside(rms_mps2: Sequence[Floats], settings: SessionSettings) -> Beside:
+    """Judge the other sensors of a session by the rms (b,) of each, NaN where it has none or repeats one reading."""
+    known = [rms for rms in rms_mps2 if np.isfinite(rms).any()]
+    quiet = [rms <= _quiet_mps2(rms[np.isfinite(rms)], settings) for rms in known]
+    moves = np.all([~(rms <= settings.rest_level_mps2) for rms in known], axis=0)
+    read = np.any([np.isfinite(rms) for rms in known], axis=0)
+    kernel = np.full(MOVING_INTERVALS, 1.0 / MOVING_INTERVALS)
+    share = np.convolve(np.atleast_1d(moves & read).astype(np.float64), kernel, mode="same")
+    return Beside(np.any(quiet, axis=0), share >= MOVING_SHARE)
+
+
+def _quiet_mps2(rms_mps2: Floats, settings: SessionSettings) -> float:
+    """The largest rms of half a second, (b,), that is quiet for a sensor in this session."""
+    s = settings
+    return min(s.rest_level_mps2, max(s.rest_floor_mps2, s.rest_ratio * float(np.quantile(rms_mps2, QUIETEST_SHARE))))
+
+
+def find_rests(coarse: Bins, settings: SessionSettings, others: Beside | None = None) -> list[tuple[float, float]]:
     """The stretches in which the seat does not move: quiet for the session, with the mean reading of a stop.
 
     A seat that repeats one reading is stuck, or too coarse to show its noise. Such a stretch is a rest if another
-    sensor is quiet in it; without other sensors if the seat returns to its reading after motion. If no stretch is left,
-    all are rests in which no other sensor moves. others_mps2 (b,): the least rms of the other sensors in each interval,
-    NaN without any.
+    sensor is quiet in it, or if the seat returns to its reading after motion. If no stretch is left, all are rests in
+    which the others do not move. others: the sensors beside the seat, None without any.
     """
     s, width_s = settings, coarse.width_s
     there = coarse.counts > 0.0
@@ -54,17 +81,17 @@ def find_rests(coarse: Bins, settings: SessionSettings, others_mps2: Floats | No
     spread = np.sqrt(np.maximum(coarse.sums[:, SQUARE] / counts[:, 0] - (mean**2).sum(axis=1), 0.0))
     repeats = full & repeats_in(coarse)
     varied = full & ~repeats if (full & ~repeats).any() else full
-    quietest = float(np.quantile(spread[varied], QUIETEST_SHARE))
-    others = np.full(full.shape, np.nan) if others_mps2 is None else others_mps2
-    quiet = full & (spread <= min(s.rest_level_mps2, max(s.rest_floor_mps2, s.rest_ratio * quietest)))
-    quiet &= ~(repeats & (others > s.rest_level_mps2))
+    quiet = full & (spread <= _quiet_mps2(spread[varied], s))
+    known = np.zeros_like(full)
+    if others is not None:
+        known = others.quiet
+        quiet &= ~(repeats & others.moving)
     parts = [
         _Quiet(begin, end, mean[begin:end].mean(axis=0))
         for first, last in stretches(quiet)
         for begin, end in _with_one_mean(mean, first, last, s.rest_drift_mps2)
         if (end - begin) * width_s >= s.rest_least_s
     ]
-    known = others <= s.rest_level_mps2
     parts = _plausible(parts, repeats & ~known, full & ~repeats, s.rest_drift_mps2) or parts
     return [(part.begin * width_s, part.end * width_s) for part in _standing(parts, width_s, s.rest_drift_mps2)]
 

@@ -33,6 +33,7 @@ from biodyn_core.sessions.finding import Window, find, level_of, rms_of
 from biodyn_core.sessions.findings import Event, Fault, Findings, Rest, Shock, Timeline
 from biodyn_core.sessions.relative_drift import PhaseMeter, RelativeDrift, block_extent
 from biodyn_core.sessions.repeats import LEAST_SHARE, unsure
+from biodyn_core.sessions.rests import Beside, beside
 from biodyn_core.sessions.settings import SessionSettings
 
 MISSING_SHARE: Final = 0.02
@@ -90,7 +91,7 @@ class Session:
             digest.finish()
         self._add_phases(final=True)
         fine = self._seat.fine
-        found = find(self._seat.coarse, fine, self.settings, self._least_rms_beside())
+        found = find(self._seat.coarse, fine, self.settings, self._beside_the_seat())
         rests = self._rests(found.rests)
         seconds = self._seconds()
         noticeable = dict(self._noticeable(seconds))
@@ -117,11 +118,11 @@ class Session:
             ),
         )
 
-    def _least_rms_beside(self) -> Floats:
-        """The least rms of the sensors beside the seat in each of its intervals; NaN without any."""
+    def _beside_the_seat(self) -> Beside | None:
+        """What the other sensors show of the seat's rests; None without any."""
         count = self._seat.coarse.counts.size
-        beside = [self._digests[name].rms(count) for name in self._present() if name != SEAT]
-        return np.fmin.reduce([np.full(count, np.nan), *beside])
+        others = [self._digests[name].rms(count) for name in self._present() if name != SEAT]
+        return beside(others, self.settings) if any(np.isfinite(rms).any() for rms in others) else None
 
     def _seconds(self) -> float:
         """The length of the session, by the seat."""
@@ -148,7 +149,7 @@ class Session:
                 where = f"the rest from {rest.begin_s:.0f} to {rest.end_s:.0f} s"
                 if digest.stuck(*span).any():
                     yield f"{name}: repeats one reading in a part of {where}: its gravity leaves this part out"
-                elif _repeats(digest, span):
+                elif name not in rest.gravity_mps2 and _repeats(digest, span):
                     yield f"{name}: repeats one reading in {where}: its gravity is wrong if it was stuck"
                 else:
                     continue

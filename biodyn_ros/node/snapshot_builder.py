@@ -207,11 +207,11 @@ def _compared_mps2(rolling: Exposure, name: str) -> tuple[float | None, float | 
     """
     if name == SEAT:
         dose = rolling.measured_low_passed.get(SEAT)
-        return (dose.aw_mps2, None, dose.aw_mps2, dose.settling_s > 0.0) if dose else (None, None, 0.0, False)
+        return (dose.aw_mps2, None, dose.aw_mps2, dose.left_out_s > 0.0) if dose else (None, None, 0.0, False)
     if name not in rolling.compared:
         return None, None, 0.0, False
     measured, predicted, seat = rolling.compared[name]
-    return measured.aw_mps2 if measured else None, predicted.aw_mps2, seat.aw_mps2, predicted.settling_s > 0.0
+    return measured.aw_mps2 if measured else None, predicted.aw_mps2, seat.aw_mps2, predicted.left_out_s > 0.0
 
 
 def _sensor(status: Status) -> dict[str, Any]:

@@ -242,11 +242,8 @@ def _model_warnings(pipeline: Pipeline) -> Iterator[str]:
 
 
 def _channels(doses: Mapping[str, Dose], lost: Mapping[str, Losses]) -> dict[str, ChannelExposure]:
-    """Doses with their losses; where a weighting settles, samples are suspect too."""
-    return {
-        name: ChannelExposure(dose, lost[name]._replace(suspect_s=lost[name].suspect_s + dose.settling_s))
-        for name, dose in doses.items()
-    }
+    """Doses with their losses; the seconds that are left out are suspect, also where a weighting settles."""
+    return {name: ChannelExposure(dose, lost[name]._replace(suspect_s=dose.left_out_s)) for name, dose in doses.items()}
 
 
 def _misfits(pipeline: Pipeline) -> Iterator[MisfitTime]:
@@ -271,5 +268,4 @@ def _lost_compared(name: str, doses: Mapping[str, Dose], lost: Mapping[str, Loss
         return lost[SEAT]
     alone_s = doses[SEAT].seconds - doses[name].seconds if SEAT in doses else 0.0
     seat_s = lost[SEAT].missing_s + (alone_s if alone_s > EDGE_S else 0.0)
-    found = _with_absent(lost[name], max(0.0, seat_s - lost[name].missing_s))
-    return found._replace(suspect_s=lost[SEAT].suspect_s)  # the seat's are left out of every sensor
+    return _with_absent(lost[name], max(0.0, seat_s - lost[name].missing_s))
