@@ -34,4 +34,5 @@ def warm_up(subject: Subject) -> float:
     for sensor in MEASURED_SEGMENTS:
         pipeline.push(sensor, stamps_ns[rest:], samples[rest:])
     pipeline.exposure()
+    pipeline.seat()
     return (stamps_ns.size - rest) / (time.perf_counter() - begin)
