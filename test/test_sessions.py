@@ -385,6 +385,11 @@ def test_a_sensor_that_is_stuck_too_does_not_vouch_for_a_seat(dead: tuple[str, f
     assert [(rest.begin_s, rest.end_s) for rest in found_in(streams).rests] == stops
 
 
+def test_a_session_of_a_few_seconds_has_its_rest() -> None:
+    found = found_in({"seat": made(4.0), "head": made(4.0, seed=1)})
+    assert [(rest.begin_s, rest.end_s) for rest in found.rests] == [(0.0, 4.0)]
+
+
 def test_a_coarse_seat_is_at_rest_beside_a_person_who_nods() -> None:
     moving = shaken(100.0, 1.0, begin_s=12.0)
     moving[round(88.0 * SEAT_HZ) :] = 0.0

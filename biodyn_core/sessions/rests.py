@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
+import scipy
 
 from biodyn_core.base.arrays import Flags, Floats
 from biodyn_core.recording.flags import stretches
@@ -53,8 +54,7 @@ def beside(rms_mps2: Sequence[Floats], settings: SessionSettings) -> Beside:
     quiet = [rms <= _quiet_mps2(rms[np.isfinite(rms)], settings) for rms in known]
     moves = np.all([~(rms <= settings.rest_level_mps2) for rms in known], axis=0)
     read = np.any([np.isfinite(rms) for rms in known], axis=0)
-    kernel = np.full(MOVING_INTERVALS, 1.0 / MOVING_INTERVALS)
-    share = np.convolve(np.atleast_1d(moves & read).astype(np.float64), kernel, mode="same")
+    share = scipy.ndimage.uniform_filter1d((moves & read).astype(np.float64), MOVING_INTERVALS, mode="constant")
     return Beside(np.any(quiet, axis=0), share >= MOVING_SHARE)
 
 
