@@ -824,17 +824,29 @@ def test_sentences_have_a_capital_and_a_full_stop(text, expected):
 
 def test_after_losses_within_strong_motion_a_time_is_about_and_the_doubt_is_amber() -> None:
     lost = NO_LOSSES._replace(filled_s=0.04, suspect_s=1.85)
-    below = seat(suspect_s=1.85, lower_bound=True)
+    below = seat(suspect_s=1.85, lower_bound=True, is_estimate=True)
     assert left("action", below) == "about 4 h 0 min left"
     verdict = seat_verdict(below, lost)
     assert verdict.tone == "good"
     (lower,) = [reason for reason in verdict.reasons if "lower bounds" in reason]
     assert lower.endswith(": at the seat 0.040 s missing, 1.850 s left out after losses within strong motion.")
-    doubted = seat(zone="undecided", may_be_reached="limit", suspect_s=1.85, lower_bound=True, withheld="it is so")
+    doubted = seat(
+        zone="undecided",
+        may_be_reached="limit",
+        suspect_s=1.85,
+        lower_bound=True,
+        is_estimate=True,
+        withheld="it is so",
+    )
     verdict = seat_verdict(doubted, lost)
     assert (verdict.tone, verdict.headline) == ("warn", "Undecided: the limit value may be reached")
     projected = seat(
-        a8_projected_8h_mps2=0.4, vdv_projected_8h_mps175=8.0, projected_from_s=1300.0, suspect_s=1.85, lower_bound=True
+        a8_projected_8h_mps2=0.4,
+        vdv_projected_8h_mps175=8.0,
+        projected_from_s=1300.0,
+        suspect_s=1.85,
+        lower_bound=True,
+        is_estimate=True,
     )
     text = summary(report(seat=projected))
     assert "VDV 8.00 m/s^1.75, which losses within strong motion make uncertain" in text

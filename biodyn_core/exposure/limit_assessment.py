@@ -93,9 +93,9 @@ class SeatExposure(LimitAssessment):
 
     aw and VDV by axis are without k; A(8) and VDV so far are the largest over the axes with k = 1.4, 1.4, 1.0.
     lower_bound: samples are missing, clipped or suspect, or an axis is missing or dead. suspect_s: the counted seconds
-    that are in no figure but in times and projections, which they may have raised. withheld: why there are no times and
-    no projections. projected_from_s: the counted seconds; projected_lower_bound: an axis is missing or dead.
-    shock_ratios: of the governing axis.
+    that are in no figure but in times and projections. is_estimate: these contain suspect seconds or hidden motion.
+    withheld: why there are no times and no projections. projected_from_s: the counted seconds; projected_lower_bound:
+    an axis is missing or dead. shock_ratios: of the governing axis.
     """
 
     seconds: float
@@ -115,6 +115,7 @@ class SeatExposure(LimitAssessment):
     projected_lower_bound: bool
     shock_ratios: tuple[ShockRatio, ...]
     additional: tuple[LimitAssessment, ...]
+    is_estimate: bool = False
 
 
 def seat_exposure(
@@ -166,6 +167,7 @@ def seat_exposure(
         projected_lower_bound=_lacks_axis(axes, quality),
         shock_ratios=_shock_ratios((vertical, axes), (complete, all_axes), deciding.axis),
         additional=tuple(_assess(each, sure, whole) for each in limits.additional),
+        is_estimate=whole.has_hidden or quality.losses.suspect_s > 0.0,
     )
 
 

@@ -91,7 +91,7 @@ def _projected(seat: SeatExposure) -> list[str]:
         return []
     a8 = bound(seat.a8_projected_8h_mps2, seat.projected_lower_bound)
     vdv = bound(seat.vdv_projected_8h_mps175, seat.projected_lower_bound)
-    raised = ", which losses within strong motion make uncertain" if seat.suspect_s > 0.0 else ""
+    raised = ", which losses within strong motion make uncertain" if seat.is_estimate else ""
     return [
         f"projected to 8 h from {duration(seat.projected_from_s)} counted: A(8) {a8} m/s^2, VDV {vdv} m/s^1.75{raised}"
     ]

@@ -73,7 +73,7 @@ def left(kind: Kind, seat: SeatExposure) -> str:
     seconds = _seconds_left(kind, seat)
     if seconds is None:
         return "never reached at this rate"
-    if seat.suspect_s > 0.0:  # which may have raised the exposure, and missing samples lower it
+    if seat.is_estimate:  # too high or too low, and missing samples lower it
         return f"about {duration(seconds)} left"
     return f"at most {duration(seconds, at_most=True)} left" if seat.lower_bound else f"{duration(seconds)} left"
 
