@@ -98,19 +98,18 @@ class SensorDigest:
         return found
 
     def stuck(self, begin_s: float, end_s: float) -> Flags:
-        """The intervals (b,) of a rest that a stuck sensor spoils: it repeats a reading that differs from its others.
+        """The intervals (k,) of a rest that a stuck sensor spoils: it repeats a reading that differs from its others.
 
         None where it reads others in less than `LEAST_OTHERS` of the rest.
         """
-        here, spoilt = self.coarse.extent(begin_s, end_s), np.zeros(self.coarse.counts.shape, dtype=np.bool_)
-        counts, repeats = self.coarse.counts[here], self.repeats[here]
-        others = ~repeats & (counts > 0.0)
+        here = self.coarse.extent(begin_s, end_s)
+        counts, repeats = self.coarse.counts[here], repeats_in(self.coarse, here)
+        others, apart = ~repeats & (counts > 0.0), np.zeros_like(repeats)
         if others.any() and others.mean() >= LEAST_OTHERS:
             mean = self.coarse.sums[here, LEVELLED][others].sum(axis=0) / counts[others].sum()
             each = self.coarse.sums[here, LEVELLED] / np.maximum(counts, 1.0)[:, None]
             apart = repeats & (np.linalg.norm(each - mean, axis=1) > SAME_REST_MPS2)
-            spoilt[here] = around(apart, 1, 1)  # the intervals at its ends have both readings
-        return spoilt
+        return around(apart, 1, 1)  # the intervals at its ends have both readings
 
     def mean_reading(self, begin_s: float, end_s: float) -> Vector | None:
         """The mean reading, gravity and bias, in the sensor's axes, where it is not stuck; None without samples."""
@@ -132,7 +131,7 @@ class SensorDigest:
 
     def _usable(self, begin_s: float, end_s: float) -> Integers:
         here = self.coarse.extent(begin_s, end_s)
-        return np.arange(here.start, here.stop)[~self.stuck(begin_s, end_s)[here]]
+        return np.arange(here.start, here.stop)[~self.stuck(begin_s, end_s)]
 
     def _seconds(self, stamps_ns: Integers) -> Floats:
         return np.asarray(1e-9 * (stamps_ns - self._epoch_ns), dtype=np.float64)
@@ -163,9 +162,9 @@ class SensorDigest:
         self.mean.add(rows[:, 0], rows[:, 4:])
 
 
-def repeats_in(coarse: Bins) -> Flags:
-    """The intervals (b,) of a sensor's sums in which it repeats one reading."""
-    return np.asarray((coarse.counts > 1.0) & (coarse.sums[:, CHANGES] == 0.0))
+def repeats_in(coarse: Bins, here: slice = slice(None)) -> Flags:
+    """The intervals (b,) of a sensor's sums, or some of them, in which it repeats one reading."""
+    return np.asarray((coarse.counts[here] > 1.0) & (coarse.sums[here, CHANGES] == 0.0))
 
 
 class SeatDigest(SensorDigest):

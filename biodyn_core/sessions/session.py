@@ -28,6 +28,7 @@ from biodyn_core.sessions.digest import (
     WEIGHTED,
     SeatDigest,
     SensorDigest,
+    repeats_in,
 )
 from biodyn_core.sessions.finding import Window, find, level_of, rms_of
 from biodyn_core.sessions.findings import Event, Fault, Findings, Rest, Shock, Timeline
@@ -188,7 +189,7 @@ class Session:
                 yield f"{name}: {100.0 * missing:.0f} % missing"
             if clipped := int(digest.clipped.counts[digest.clipped.extent(begin_s, end_s)].sum()):
                 yield f"{name}: {counted(clipped, 'sample')} clipped"
-            if digest.repeats[here].any():
+            if repeats_in(digest.coarse, here).any():
                 yield f"{name}: stuck"
 
     def _expected(self, name: str) -> float:
@@ -270,7 +271,7 @@ def _readings_at_rest(digest: SensorDigest, spans: Sequence[Span]) -> list[Vecto
     changing = (digest.coarse.counts > 0.0) & ~digest.repeats
     repeats = digest.repeats
     for at in known:
-        repeats &= ~digest.stuck(*spans[at])  # these have no part in the means
+        repeats[digest.coarse.extent(*spans[at])] &= ~digest.stuck(*spans[at])  # these have no part in the means
     for at, is_unsure in zip(known, unsure(means, extents, repeats, changing, SAME_REST_MPS2), strict=True):
         if is_unsure:
             found[at] = None
@@ -280,8 +281,8 @@ def _readings_at_rest(digest: SensorDigest, spans: Sequence[Span]) -> list[Vecto
 def _repeats(digest: SensorDigest, span: Span) -> bool:
     """Whether a sensor repeats one reading in most of a rest, as far as it is not known to be stuck there."""
     here = digest.coarse.extent(*span)
-    usable = ~digest.stuck(*span)[here]
-    return bool(usable.any() and digest.repeats[here][usable].mean() > LEAST_SHARE)
+    usable = ~digest.stuck(*span)
+    return bool(usable.any() and repeats_in(digest.coarse, here)[usable].mean() > LEAST_SHARE)
 
 
 def _level_rests(rests: Sequence[Rest], least_deg: float) -> list[int]:
