@@ -414,7 +414,7 @@ def ride_with(begin_s: float, lasts_s: float, size_mps2: float, seconds: float =
 
 @pytest.mark.parametrize("lost_s", [0.06, 0.045])
 def test_a_shock_whose_peak_is_lost_is_not_called_below_the_action_value(lost_s):
-    """4 g and 100 ms: by a gap, and by a line. What is left has no value of interest."""
+    """A gap or a line hides the peak of 4 g and 100 ms. The counted rest is below the action value."""
     accel = ride_with(5.0, 0.1, 4.0 * G)
     begin = rows_of(5.05 - 0.5 * lost_s)
     true, found = ride(accel).seat(), ride(accel, slice(begin, begin + rows_of(lost_s))).seat(project=True)

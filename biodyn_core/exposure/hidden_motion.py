@@ -1,6 +1,6 @@
 """Hidden motion: what the lost samples of a loss within strong motion may have had.
 
-A shock of 4 g and 100 ms whose middle 60 ms are lost leaves a VDV of 4.7 of 12.6 m/s^1.75. The estimate is the largest
+A shock of 4 g and 100 ms whose middle 60 ms are lost leaves a VDV of 2.2 of 12.6 m/s^1.75. The estimate is the largest
 reading near the loss, for as long as the loss lasts: 11.5 with the rest. It decides no value, but keeps one from being
 called not reached.
 """

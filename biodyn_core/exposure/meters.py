@@ -298,9 +298,9 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
                 vdv_mps175=(fourth / self._rate_hz) ** 0.25,
                 peak_mps2=peak,
                 seconds=count / self._rate_hz,
-                left_out_s=settling / self._rate_hz,
+                left_out_s=left_out / self._rate_hz,
             )
-            for square, fourth, count, settling, peak, linear, exponential in rows.tolist()
+            for square, fourth, count, left_out, peak, linear, exponential in rows.tolist()
         )
 
 
