@@ -265,6 +265,25 @@ def test_later_samples_stay_readable_after_older_ones_are_dropped():
     assert made.read(time[:10], EPOCH_NS)[1] == 10 and np.isnan(made.read(time[:10], EPOCH_NS)[0]).all()
 
 
+def test_instants_within_a_line_have_the_length_of_its_loss():
+    time, lost = np.arange(400) / RATE_HZ, np.zeros(400, dtype=np.int64)
+    lost[100:110], lost[300] = 10, 1
+    made = Aligner(keep_s=100.0)
+    assert made.lost_s(time, EPOCH_NS) is None
+    for part in np.split(np.arange(400), [50, 104, 200]):  # a loss may be cut
+        made.add([block(time[part], np.zeros(part.size), part[0] == 0)._replace(lost=lost[part])])
+    grid = time[:-1] + 0.5 / RATE_HZ
+    shift_ns = 3_000_000_000  # the seat's epoch
+    length_s = made.lost_s(grid - 3.0, EPOCH_NS + shift_ns)
+    expected = np.zeros(399)
+    expected[99:110], expected[299:301] = 10 / RATE_HZ, 1 / RATE_HZ
+    np.testing.assert_allclose(length_s, expected)
+    made.drop(time[200], EPOCH_NS)
+    assert (made.lost_s(grid, EPOCH_NS) > 0.0).sum() == 2
+    made.drop(time[350], EPOCH_NS)
+    assert made.lost_s(grid, EPOCH_NS) is None
+
+
 def test_memory_covers_only_the_requested_time():
     made = Aligner(keep_s=1.0)
     for second in range(120):

@@ -162,8 +162,10 @@ def _dose(kind: str) -> list:
     state = np.zeros((len(sections), 2, 2))
     window = 40.6  # samples, so that its block is full several times
     means = [1e-3, np.zeros(2), np.zeros((2, 42)), np.zeros(2), np.zeros(1, dtype=np.int64), window]
-    restarts = [1.0, np.array([0, 0]), 5, np.zeros((2, 2), dtype=np.int64)]
-    return [given(kind, 2), sections, state, 2e-3, np.full(2, 0.3), *means, *restarts, *_tally(2, 7)]
+    x = given(kind, 2)
+    lost = np.tile(np.where(np.arange(len(x)) % 40 < 5, 5, 0)[:, None], (1, 2))
+    suspects = [lost, 1.0, np.array([4, 5, 20]), np.tile([2**62, 0, 2**62, 0, 0, 0], (2, 1))]
+    return [x, sections, state, 2e-3, np.full(2, 0.3), *means, *suspects, *_tally(2, 7)]
 
 
 def _planar_dose(kind: str) -> list:

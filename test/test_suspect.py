@@ -506,6 +506,30 @@ def test_no_restart_within_a_shock_raises_a_prediction_or_a_comparison(lost_s, o
     assert left_out and all(dose.aw_mps2 < of_all.aw_mps2 for dose, of_all in left_out)
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_no_line_over_a_loss_of_a_body_sensor_raises_its_low_passed_figures(seed):
+    """Losses of 4 to 55 samples near the largest shock of `motion`."""
+    rng = np.random.default_rng(100 + seed)
+    accel = np.concatenate([np.zeros(rows_of(1.5)), motion(rng)])
+    count = int(rng.integers(4, 56))
+    at = int(np.abs(accel).argmax()) - int(rng.integers(0, count + 20))
+    lost = slice(at, at + count)
+    found, single = (ride(accel, lost, "head", cut=cut).exposure() for cut in (500, 1 if seed == 0 else 37))
+    assert found == single
+    true, head = ride(accel).exposure().measured_low_passed["head"], found.measured_low_passed["head"]
+    for name in ("vdv_mps175", "aw_mps2", "peak_mps2", "mtvv_linear_mps2", "mtvv_exponential_mps2"):
+        assert getattr(head, name) <= 1.02 * getattr(true, name)
+    assert head.seconds == pytest.approx(true.seconds, abs=0.01)
+    assert 0.1 < head.left_out_s < LONGEST_SETTLING_S + 0.2
+    of_head = found.compared["head"]
+    assert of_head.measured.left_out_s == of_head.predicted.left_out_s == of_head.seat.left_out_s > 0.0
+
+
+def test_a_loss_of_a_body_sensor_in_calm_motion_leaves_out_nothing():
+    found = ride(ride_with(5.0, 0.1, 2.0), slice(rows_of(5.01), rows_of(5.05)), "head").exposure()
+    assert found.measured_low_passed["head"].left_out_s == 0.0
+
+
 def test_the_seconds_in_which_a_weighting_settles_are_stated():
     pipeline = ride(ride_with(5.0, 0.4, 3.0 * G), slice(rows_of(5.12), rows_of(5.18)), "head")
     head = exposure_document(exposure_report(pipeline))["measured_low_passed"]["head"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import Final
 
@@ -54,6 +54,7 @@ class Aligner:
         self._time_s: Floats = np.empty(0)
         self._run: Integers = np.empty(0, dtype=np.int64)
         self._values: Floats = np.empty(0)
+        self._lines: list[tuple[float, float, float]] = []
         self._runs = 0
         self._half = _HALF_WIDTHS[0]
 
@@ -68,6 +69,7 @@ class Aligner:
             self._time_s = np.concatenate([self._time_s, block.time_s])
             self._run = np.concatenate([self._run, np.full(block.time_s.shape, self._runs)])
             self._values = np.concatenate([self._values, block.low_passed_mps2])
+            self._lines += _lines(block)
         if self._time_s.size and self._time_s[0] < self._time_s[-1] - 2.0 * self._keep_s:
             self._drop_before(float(self._time_s[-1]) - self._keep_s)
 
@@ -81,6 +83,15 @@ class Aligner:
         own_s = grid_s + (epoch_ns - self._epoch_ns) * 1e-9
         weights = lagrange_weights(2 * self._half)
         return out, int(kernels.interpolate(self._time_s, self._run, self._values, own_s, weights, out))
+
+    def lost_s(self, grid_s: Floats, epoch_ns: int) -> Floats | None:
+        """Length of the loss in whose line each instant (n,) lies, seconds, 0 outside of lines; None without lines."""
+        if not self._lines:
+            return None
+        own_s, found = grid_s + (epoch_ns - self._epoch_ns) * 1e-9, np.zeros(grid_s.shape)
+        for begin_s, end_s, length_s in self._lines:
+            found[(own_s > begin_s) & (own_s < end_s)] = length_s
+        return found
 
     @property
     def look_ahead(self) -> int:
@@ -102,10 +113,24 @@ class Aligner:
 
     def _drop_before(self, before_s: float) -> None:
         self._keep(slice(max(0, int(np.searchsorted(self._time_s, before_s)) - self._half - 1), None))
+        if self._lines:
+            self._lines = [line for line in self._lines if line[1] > before_s]
 
     def _drop_from(self, time_s: float) -> None:
         """Drop the samples from a time on: their stamps had leapt ahead and have returned."""
         self._keep(slice(None, int(np.searchsorted(self._time_s, time_s))))
+        self._lines = [line for line in self._lines if line[0] < time_s]
 
     def _keep(self, part: slice) -> None:
         self._time_s, self._run, self._values = self._time_s[part], self._run[part], self._values[part]
+
+
+def _lines(block: Block) -> Iterator[tuple[float, float, float]]:
+    """Begin and end of the lines across losses in a block, and the length of each loss, all in seconds."""
+    if block.lost is None:
+        return
+    period_s = 1.0 / block.rate_hz
+    edges = np.flatnonzero(np.diff(block.lost > 0, prepend=False, append=False)).reshape(-1, 2)
+    for begin, end in edges.tolist():
+        length_s = float(block.lost[begin]) * period_s
+        yield float(block.time_s[begin]) - period_s, float(block.time_s[end - 1]) + period_s, length_s

@@ -23,8 +23,9 @@ from biodyn_core import kernels
 from biodyn_core.base.arrays import Floats, Integers
 from biodyn_core.base.errors import InputError
 from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
-from biodyn_core.exposure.suspect import LONGEST_SETTLING_S, STRONG_MPS2
+from biodyn_core.exposure.suspect import LONGEST_SETTLING_S, NEAR_S, SETTLING, STRONG_MPS2
 from biodyn_core.exposure.tally import Tally
+from biodyn_core.kernels.exposure import NEVER
 from biodyn_core.signals.weighting import CURVES, WeightingName, weighting_sections
 
 Figures = TypeVar("Figures")
@@ -217,9 +218,9 @@ class Meter(ABC, Generic[Figures]):
 class DoseMeter(Meter[tuple[Dose, ...]]):
     """aw, MTVV, VDV and peak, one `Dose` for each of the channels: `push` blocks (n, c) of m/s^2, unweighted.
 
-    groups (c,): the group of each channel, by the number of one of its channels. Where the weighting of one restarts in
-    strong motion, which may raise figures, the samples of the group are in no figure until it has settled; their time
-    counts. Without groups they count at once.
+    groups (c,): the group of each channel, by the number of one of its channels. Where one is suspect, by the rule of
+    `SuspectSamples`, the samples of the group are in no figure; their time counts. A weighting that restarts after
+    missing samples is like one that follows a loss. Without groups all samples count.
     """
 
     _count, _left_out = 2, 3
@@ -240,9 +241,11 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
         self._filled = np.zeros(1, dtype=np.int64)
         self._decay = 1.0 - math.exp(-1.0 / self._window)
         self._running = np.zeros(channels)
-        self._groups = np.arange(channels) if groups is None else groups
-        self._settle = 0 if groups is None else round(LONGEST_SETTLING_S * rate_hz)
-        self._restarts = np.zeros((2, channels), dtype=np.int64)
+        longest = 0 if groups is None else round(LONGEST_SETTLING_S * rate_hz)
+        self._rule = np.array([round(NEAR_S * rate_hz), SETTLING, longest])
+        self._suspects = np.tile(np.array([NEVER, 0, NEVER, 0, 0, 0]), (channels, 1))
+        self._suspects[:, 5] = np.arange(channels) if groups is None else groups
+        self._no_loss = np.zeros((1, channels), dtype=np.int64)
         self._was_suspect = False
         self._tally = Tally(rate_hz, channels, 7, 4, window_s)
 
@@ -250,23 +253,28 @@ class DoseMeter(Meter[tuple[Dose, ...]]):
         """Start in motion, before the first block: `accel_mps2` (n, c) are the first readings. See `_Weighting`."""
         self._weighting.begin(accel_mps2)
 
-    def push(self, accel_mps2: Floats, suspect: bool = False) -> None:
-        """Count a block (n, c); after suspect samples the running averages begin again."""
+    def push(self, accel_mps2: Floats, suspect: bool = False, lost: Integers | None = None) -> None:
+        """Count a block (n, c); after suspect samples the running averages begin again.
+
+        lost (n, c): of each sample of a line across a loss, the number of samples that were lost.
+        """
         w, t = self._weighting, self._counting(len(accel_mps2), suspect)
+        if lost is None:
+            lost = self._no_loss if len(accel_mps2) == 1 else np.zeros(accel_mps2.shape, dtype=np.int64)
         if self._was_suspect and not suspect:
             self._clear_averages()
         self._was_suspect = suspect
         kernels.dose(
             accel_mps2, w.sos, w.state, w.follow, w.level, self._decay, self._running, self._squares, self._partial,
-            self._filled, self._window, STRONG_MPS2, self._groups, self._settle, self._restarts, t.bin, t.total, t.ring,
+            self._filled, self._window, lost, STRONG_MPS2, self._rule, self._suspects, t.bin, t.total, t.ring,
             t.position, t.length,
         )  # fmt: skip
 
     def skip(self, seconds: float) -> None:
         """Move on by a break of that length."""
         samples = self._skip(seconds)
-        self._restarts[0] = 1
-        self._restarts[1] = np.maximum(self._restarts[1] - samples, 0)
+        self._suspects[:, :3] = -1, self._rule[2], NEVER
+        self._suspects[:, 3] = np.maximum(self._suspects[:, 3] - samples, 0)
         self._filled[0] = (self._filled[0] + samples) % (self._squares.shape[1] - 1)
         self._weighting.restart()
         self._clear_averages()

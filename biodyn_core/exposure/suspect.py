@@ -17,6 +17,7 @@ import numpy as np
 from biodyn_core import kernels
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
+from biodyn_core.kernels.exposure import NEVER
 
 STRONG_MPS2: Final = 3.0
 """Motion that differs by more from its slow level, on any axis, is strong.
@@ -42,8 +43,6 @@ SETTLING: Final = 40
 In 3,000 random motions with one loss, 80 and 150 gave the same figures in proportion to the true ones.
 """
 
-_NEVER: Final = 2**62
-
 
 class SuspectSamples:
     """Flag suspect samples of one sensor, row by row; cuts into blocks never change a flag."""
@@ -53,11 +52,11 @@ class SuspectSamples:
         self._shortest = max(1, math.ceil(SHORTEST_LOSS_S * rate_hz))
         self._near, self._longest = round(NEAR_S * rate_hz), round(LONGEST_SETTLING_S * rate_hz)
         self._level = np.zeros(3)
-        self._state = np.array([_NEVER, 0, _NEVER, 0])
+        self._state = np.array([NEVER, 0, NEVER, 0])
 
     def begin_run(self, follows_loss: bool) -> None:
         """Begin a run; weightings restart, in the middle of motion where it follows a loss or begins a record there."""
-        self._state[:] = (-1, self._longest, _NEVER, 0) if follows_loss else (_NEVER, 0, _NEVER, 0)
+        self._state[:] = (-1, self._longest, NEVER, 0) if follows_loss else (NEVER, 0, NEVER, 0)
 
     def begin_level(self, accel_mps2: Floats) -> None:
         """Begin with the mean of the first readings (n, 3) as level, where a record begins in motion."""

@@ -8,12 +8,16 @@ counted, and the state of its channel (filter, oscillator, window) is initialize
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 
 from biodyn_core.base.arrays import Flags, Floats, Integers
 from biodyn_core.base.segments import STANDARD_GRAVITY_MPS2
 from biodyn_core.kernels.compiling import compiled
+
+NEVER: Final = 2**62
+"""A number of rows since something that has not happened."""
 
 
 @compiled
@@ -69,13 +73,13 @@ def _clear_averages(running: Floats, squares: Floats, partial: Floats, channel: 
 @compiled
 def dose(
     x: Floats, sos: Floats, state: Floats, follow: float, level: Floats, decay: float, running: Floats, squares: Floats,
-    partial: Floats, filled: Integers, window: float, strong: float, groups: Integers, settle: int, restarts: Integers,
-    bin_: Floats, total: Floats, ring: Floats, position: Integers, length: int,
+    partial: Floats, filled: Integers, window: float, lost: Integers, strong: float, rule: Integers,
+    suspects: Integers, bin_: Floats, total: Floats, ring: Floats, position: Integers, length: int,
 ) -> None:  # fmt: skip
     """Weight x (n, c), accumulate per channel; bin_ has 7 columns.
 
-    They are the sums of a^2 and a^4, samples, those of them that settle, peak |a|, and the peaks of two running mean
-    squares.
+    They are the sums of a^2 and a^4, samples, those of them that are left out as suspect, peak |a|, and the peaks of
+    two running mean squares.
 
     The linear one is over the last `window` samples (ISO 2631-1:1997, 6.3.1, Eq. 2); with a fractional window the
     oldest sample counts in part. running (c,) is the exponential one (Eq. 3 in recursive form). level (c,) is the
@@ -85,17 +89,18 @@ def dose(
     is partial (c,), then for each sample of the previous block the sum from it to the end of that block. Nothing is
     subtracted, so a shock that has left the window leaves no rounding error.
 
-    After a missing sample the sections restart. If a channel then differs by more than `strong` from its level, all
-    channels of its group, groups (c,), settle for `settle` samples, which only count; 0 for no such rule. restarts
-    (2, c): whether the last sample of each channel was missing, and by group the samples left.
+    Where a channel is suspect by the rule of `flag_suspect`, with near, settling and longest in rule (3,), the samples
+    of its group only count; longest is 0 for no such rule. After a missing sample the sections restart, as after a loss
+    of `longest` samples. lost (n, c): of each sample of a line across a loss, the number of samples that were lost.
+    suspects (c, 6): that rule's state of each channel (4), whether a group is suspect, and the group of each channel.
     """
     block = squares.shape[1] - 1
     share = window - math.floor(window)
     for n in range(x.shape[0]):
         at = filled[0]
         after = (at + 1) % block
-        if settle > 0:
-            _find_restarts(x[n], level, strong, groups, settle, restarts)
+        if rule[2] > 0:
+            _find_suspects(x[n], lost[n], level, strong, rule, suspects)
         for c in range(x.shape[1]):
             value = x[n, c]
             if np.isnan(value):
@@ -108,7 +113,7 @@ def dose(
                 value = sos[s, 0] * fed + state[s, 0, c]
                 state[s, 0, c] = sos[s, 1] * fed - sos[s, 4] * value + state[s, 1, c]
                 state[s, 1, c] = sos[s, 2] * fed - sos[s, 5] * value
-            if restarts[1, groups[c]] > 0:
+            if suspects[suspects[c, 5], 4] > 0:
                 _clear_averages(running, squares, partial, c)
                 bin_[c, 2] += 1.0
                 bin_[c, 3] += 1.0
@@ -134,17 +139,36 @@ def dose(
 
 
 @compiled
-def _find_restarts(
-    row: Floats, level: Floats, strong: float, groups: Integers, settle: int, restarts: Integers
+def _find_suspects(
+    row: Floats, lost: Integers, level: Floats, strong: float, rule: Integers, suspects: Integers
 ) -> None:
-    """Update restarts (2, c) by a row (c,), see `dose`."""
+    """Update suspects (c, 6) by a row (c,), see `dose`."""
+    near, settling, longest = rule
+    suspects[:, 4] = 0
     for c in range(row.shape[0]):
-        restarts[1, c] = max(restarts[1, c] - 1, 0)
-    for c in range(row.shape[0]):
-        is_missing = np.isnan(row[c])
-        if restarts[0, c] == 1 and not is_missing and abs(row[c] - level[c]) > strong:
-            restarts[1, groups[c]] = settle
-        restarts[0, c] = int(is_missing)
+        state = suspects[c]
+        if np.isnan(row[c]):
+            state[0], state[1], state[2] = -1, longest, NEVER
+            state[3] = max(state[3] - 1, 0)
+        elif _is_suspect(lost[c], abs(row[c] - level[c]) > strong, near, settling, longest, state):
+            suspects[state[5], 4] = 1
+
+
+@compiled
+def _is_suspect(lost: int, is_strong: bool, near: int, settling: int, longest: int, state: Integers) -> bool:
+    """Whether a row is suspect, from the rows lost with it, whether it is strong, and the state, see `flag_suspect`."""
+    state[0] += 1
+    state[2] += 1
+    if lost > 0:
+        state[1] = max(lost, state[1] if state[0] <= near else 0)  # the longest of losses close to each other
+        state[0] = 0
+    if is_strong:
+        state[2] = 0
+    if (state[0] == 0 and state[2] <= near) or (state[2] == 0 and state[0] <= near):
+        state[3] = max(state[3], min(settling * state[1], longest))
+    found = state[3] > 0
+    state[3] = max(state[3] - 1, 0)
+    return bool(found)
 
 
 @compiled
@@ -316,19 +340,12 @@ def flag_suspect(
     state (4,): rows since a loss, its length, rows since a strong one, and rows that are still to be flagged.
     """
     for n in range(x.shape[0]):
-        state[0] += 1
-        state[2] += 1
-        if lost[n] >= shortest:
-            state[1] = max(lost[n], state[1] if state[0] <= near else 0)  # the longest of losses close to each other
-            state[0] = 0
+        is_strong = False
         for c in range(x.shape[1]):
-            if abs(x[n, c] - level[c]) > strong:
-                state[2] = 0
+            is_strong = is_strong or abs(x[n, c] - level[c]) > strong
             level[c] += follow * (_clipped_to_gravity(x[n, c]) - level[c])
-        if (state[0] == 0 and state[2] <= near) or (state[2] == 0 and state[0] <= near):
-            state[3] = max(state[3], min(settling * state[1], longest))
-        suspect[n] = state[3] > 0
-        state[3] = max(state[3] - 1, 0)
+        of_loss = lost[n] if lost[n] >= shortest else 0
+        suspect[n] = _is_suspect(of_loss, is_strong, near, settling, longest, state)
 
 
 @compiled

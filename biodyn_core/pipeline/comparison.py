@@ -19,7 +19,7 @@ from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS,
 from biodyn_core.conditioning.alignment import Aligner
 from biodyn_core.conditioning.conditioned import Block
 from biodyn_core.exposure.meters import Dose, DoseMeter, Meter
-from biodyn_core.exposure.suspect import constant_parts
+from biodyn_core.exposure.suspect import SHORTEST_LOSS_S, constant_parts
 from biodyn_core.exposure.tally import Tally
 from biodyn_core.pipeline.frames import NO_MEASURED, MeasuredFrames
 
@@ -68,6 +68,13 @@ def _compared_columns(seat_mps2: Floats, predicted_mps2: Floats, measured_mps2: 
     missing = np.isnan(predicted) | np.isnan(measured_mps2)
     triples = [np.where(missing, np.nan, values) for values in (measured_mps2, predicted, seat)]
     return np.hstack([*triples, predicted_mps2, seat])
+
+
+def _lost_of_columns(lost: Integers) -> Integers:
+    """Losses by sensor (n, 6) as those of `_compared_columns`: a line is in the measurement."""
+    found = np.zeros((len(lost), _GROUPS.size), dtype=np.int64)
+    found[:, : len(MEASURED_SEGMENTS)] = lost[:, 1:]
+    return found
 
 
 def _by_segment(doses: tuple[Dose, ...]) -> dict[str, Compared]:
@@ -123,11 +130,12 @@ class _Instants(NamedTuple):
 class Comparison:
     """Add samples by `seat` and `sensor`; `release` returns every instant that is complete or given up.
 
-    Doses do not contain the instants at which the seat is suspect, as those of the predictions; the residual does.
+    Doses do not contain the instants at which the seat is suspect, as those of the predictions, or the sensor; the
+    residual does.
     """
 
     def __init__(self, seat_rate_hz: float, wait_s: float, window_s: float) -> None:
-        self._wait_s = wait_s
+        self._seat_rate_hz, self._wait_s = seat_rate_hz, wait_s
         self._aligners = {name: Aligner(keep_s=2.0 * wait_s) for name in MEASURED_SEGMENTS}
         self._pending: list[_Instants] = []
         self._given_up: list[MeasuredFrames] = []
@@ -179,33 +187,55 @@ class Comparison:
         self._pending = [grid.after(ready)] if ready < grid.time_s.size else []
         if ready == 0:
             return NO_MEASURED
+        lost = self._lost(grid.time_s[:ready])
         for aligner in self._aligners.values():
             aligner.drop(float(grid.time_s[ready - 1]), self._epoch_ns)
         accel = np.column_stack([grid.seat_mps2[:ready], *(values[:ready] for values, _ in answers)])
         measured = np.ascontiguousarray(accel[:, 1:])
         predicted = np.ascontiguousarray(grid.predicted_mps2[:ready, MEASURED_SEGMENT_INDEX])
         columns = _compared_columns(grid.seat_mps2[:ready], grid.predicted_mps2[:ready], measured)
-        self._count(grid.suspect[:ready], grid.break_s[:ready], accel, columns, predicted, measured)
+        self._count(lost, grid.suspect[:ready], grid.break_s[:ready], accel, columns, predicted, measured)
         return MeasuredFrames(grid.stamps_ns[:ready], accel, predicted - measured)
+
+    def _lost(self, time_s: Floats) -> Integers | None:
+        """Length of the loss in whose line each instant lies, by sensor (n, 6), in seat samples; None without lines."""
+        lengths_s = [aligner.lost_s(time_s, self._epoch_ns) for aligner in self._aligners.values()]
+        if all(one is None for one in lengths_s):
+            return None
+        lost = np.zeros((time_s.size, N_SENSORS), dtype=np.int64)
+        for column, length_s in enumerate(lengths_s, 1):
+            if length_s is not None:
+                lost[:, column] = np.where(length_s < SHORTEST_LOSS_S, 0.0, np.rint(length_s * self._seat_rate_hz))
+        return lost
 
     def compared_doses(self, rolling: bool) -> dict[str, Compared]:
         """Doses by segment since reset, or over the last `window_s`, of the instants answered and predicted."""
         return _by_segment(self.compared.rolling() if rolling else self.compared.since_reset())
 
-    def _count(self, suspect: Flags, *instants: Floats) -> None:
+    def _count(self, lost: Integers | None, suspect: Flags, *instants: Floats) -> None:
         """Count the answered instants; those that were waiting at the last reset count in rolling figures alone."""
         waiting = self._before_reset
         if waiting > 0:
-            self._count_runs(suspect[:waiting], *(values[:waiting] for values in instants))
+            before = None if lost is None else lost[:waiting]
+            self._count_runs(before, suspect[:waiting], *(values[:waiting] for values in instants))
             self._before_reset -= min(waiting, suspect.size)
             self._reset_meters()
         if waiting < suspect.size:
-            self._count_runs(suspect[waiting:], *(values[waiting:] for values in instants))
+            after = None if lost is None else lost[waiting:]
+            self._count_runs(after, suspect[waiting:], *(values[waiting:] for values in instants))
 
     def _count_runs(
-        self, suspect: Flags, break_s: Floats, accel: Floats, columns: Floats, predicted: Floats, measured: Floats
+        self,
+        lost: Integers | None,
+        suspect: Flags,
+        break_s: Floats,
+        accel: Floats,
+        columns: Floats,
+        predicted: Floats,
+        measured: Floats,
     ) -> None:
         """Count run by run of the seat: nothing integrates across a break."""
+        of_columns = None if lost is None else _lost_of_columns(lost)
         begins = np.flatnonzero(~np.isnan(break_s)).tolist()
         for begin, end in pairwise([*([] if begins[:1] == [0] else [0]), *begins, break_s.size]):
             if not np.isnan(break_s[begin]):
@@ -215,8 +245,8 @@ class Comparison:
             self.residual.push(predicted[begin:end], measured[begin:end])
             for first, stop in constant_parts(suspect[begin:end]):
                 part, is_suspect = slice(begin + first, begin + stop), bool(suspect[begin + first])
-                self.doses.push(accel[part], is_suspect)
-                self.compared.push(columns[part], is_suspect)
+                self.doses.push(accel[part], is_suspect, None if lost is None else lost[part])
+                self.compared.push(columns[part], is_suspect, None if of_columns is None else of_columns[part])
 
     def look_ahead(self) -> int:
         """Samples needed beyond an instant by the longest interpolator of all sensors."""
