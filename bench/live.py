@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.effects import general_law
 from bench.processes import NODE, Answered, Window, streamed
 from bench.table import Row, render
 from biodyn_core.base.segments import MEASURED_SEGMENTS
@@ -25,6 +26,7 @@ from biodyn_core.body.parameter_spread import NAMES, ParameterSpread
 from biodyn_core.body.subject import load_subject
 from biodyn_core.body.synthesis_settings import NATIVE_RATE_HZ
 from biodyn_core.body.usual_residual import UsualResidual
+from biodyn_core.effects import CATALOGUE
 from biodyn_core.signals.octaves import N_BANDS
 from biodyn_ros.base.environment import prepare
 from biodyn_ros.base.resources import subject_file
@@ -50,6 +52,10 @@ SHARES = {
 """By kind of subscriber: words, node, and the largest CPU over that of the baseline."""
 
 FITTED = "fitted"
+DEAREST = "dearest"
+DEAREST_EFFECT = "lift_off"
+"""The effect whose general law takes longest in `bench effects`."""
+
 WITHOUT = "without"
 
 FAST = (("single", 2.0), ("single", 3.0), ("block", 2.0), ("block", 3.0), ("block", 4.0))
@@ -57,16 +63,20 @@ FAST = (("single", 2.0), ("single", 3.0), ("block", 2.0), ("block", 3.0), ("bloc
 
 
 def rows() -> list[Row]:
-    """Measure; about five minutes."""
+    """Measure; about six minutes."""
     domain = prepare(os.environ)  # None if the environment wrapper has reserved one
     with tempfile.TemporaryDirectory(prefix="biodyn-") as folder:
         try:
-            sure = fitted_node(Path(folder))
+            sure, dearest = fitted_node(Path(folder)), effect_node(Path(folder), DEAREST_EFFECT)
             turns = [
                 (
                     _run(BARE, "single"),
                     {kind: _run(SHARES[kind][1], kind) for kind in SHARES}
-                    | {FITTED: _run(sure, "block"), WITHOUT: _run(BARE_BLOCKS, "block")},
+                    | {
+                        FITTED: _run(sure, "block"),
+                        DEAREST: _run(dearest, "block"),
+                        WITHOUT: _run(BARE_BLOCKS, "block"),
+                    },
                 )
                 for _ in range(ROUNDS)
             ]
@@ -75,9 +85,13 @@ def rows() -> list[Row]:
             if domain:
                 domain.release()
     bare = _middle([one for one, _ in turns])
-    ours = {kind: _middle([each[kind] for _, each in turns]) for kind in (*SHARES, FITTED, WITHOUT)}
+    ours = {kind: _middle([each[kind] for _, each in turns]) for kind in (*SHARES, FITTED, DEAREST, WITHOUT)}
     found = [row for kind in SHARES for row in _rows_of(kind, ours[kind], bare)]
-    found += [_fitted_row(ours[FITTED], ours["block"]), _without_row(ours[WITHOUT], bare)]
+    found += [
+        _fitted_row(ours[FITTED], ours["block"]),
+        _dearest_row(ours[DEAREST], ours["block"]),
+        _without_row(ours[WITHOUT], bare),
+    ]
     return [*found, *_memory_rows(ours["block"]), *(_fast_row(kind, rate, window) for kind, rate, window in fast)]
 
 
@@ -105,6 +119,13 @@ def _fitted_row(ours: Window, plain: Window) -> Row:
     return Row(name, ours.cpu_percent, "%", plain.cpu_percent, "the same without intervals", "-", None)
 
 
+def _dearest_row(ours: Window, plain: Window) -> Row:
+    """The price of the dearest effect."""
+    name = f"live, one block topic, a subject with {DEAREST_EFFECT}, general: CPU of one core"
+    met = ours.cpu_percent <= 2.0 * plain.cpu_percent
+    return Row(name, ours.cpu_percent, "%", plain.cpu_percent, "the same without an effect", "<= 2 x", met)
+
+
 def _without_row(blocks: Window, bare: Window) -> Row:
     """What blocks cost without any mathematics: no live node in blocks can take less."""
     name = "live, one block topic, no mathematics: CPU of one core"
@@ -121,6 +142,14 @@ def fitted_node(folder: Path) -> tuple[str, ...]:
     }
     path = folder / "fitted.yaml"
     path.write_text(dataclasses.replace(subject, provenance=provenance).to_yaml(), encoding="utf-8")
+    return (*NODE, "-p", f"subject_file:={path}")
+
+
+def effect_node(folder: Path, name: str) -> tuple[str, ...]:
+    """The node with a subject that has an effect in its general form."""
+    subject = dataclasses.replace(load_subject(subject_file("subject_1")), effects=(general_law(CATALOGUE[name]),))
+    path = folder / f"{name}.yaml"
+    path.write_text(subject.to_yaml(), encoding="utf-8")
     return (*NODE, "-p", f"subject_file:={path}")
 
 

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Final
 
+from blind import levels
 from blind.population import __main__ as population
 from blind.predictions import __main__ as predictions
 from blind.prior import __main__ as prior
@@ -26,6 +27,7 @@ STUDIES: Final[dict[str, Callable[[Sequence[str]], int]]] = {
     "prior": prior.main,
     "tracing": tracing.main,
     "laws": laws.main,
+    "levels": levels.main,
     "train": training.main,
 }
 """The studies that take options, by name."""
