@@ -12,7 +12,7 @@ from blind.tracing import ledger, study
 from blind.tracing.study import BrokenSeal
 
 LEDGERS = Path(__file__).resolve().parents[1] / "docs" / "tracing_ledger"
-RUNS = {"1647660015": 1, "1817552077": 1, "706654038": 2}
+RUNS = {"1647660015": 1, "297563109": 1, "1817552077": 1, "706654038": 2}
 """Batches of each run."""
 
 

@@ -88,9 +88,8 @@ def ceiling_lines(outcomes: Sequence[Outcome], found: Sequence[Mark]) -> list[st
     words = (
         "What a decision reaches in the same records as if the catalogue had the true law, which predicts exactly what"
         " the effect changes. This decision is learned as that of the package is, from the same bodies, but with the"
-        " true law of each ([page](tracing_learned.md#the-true-law-in-the-catalogue)). Most of what is missed even so"
-        " is hidden by the background, or resembles another class. Records without a ceiling count as"
-        " missed with the true law: their trace failed, or the true effect was no candidate. Of two effects, each is"
+        " true law of each ([page](tracing_learned.md#the-true-law-in-the-catalogue)). Records without a ceiling count"
+        " as missed with the true law: their trace failed, or the true effect was no candidate. Of two effects, each is"
         " named in the same record without the other, so the ceiling is that of a decision that separates them exactly."
         " Whether other recordings would lift a ceiling is in [tracing.md](tracing.md#how-far-to-believe-a-verdict)."
     )

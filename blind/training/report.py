@@ -30,8 +30,8 @@ Made by `make train`. Do not edit.
 bodies (`test/world`). This page shows its answers to bodies in cross-validation: no body has a form of a hidden effect
 that its model was learned from. The ridge, the precision of an effect's own weights, the weight of examples without
 their mechanism, the temperature and the limit of the 90 % set were chosen on these same answers. So the figures are
-optimistic. The blind study ([tracing_study.md](tracing_study.md)) uses further forms; it
-has not scored this model yet.
+optimistic. The blind study ([tracing_study.md](tracing_study.md)) uses further
+forms.
 
 Nothing hidden still leaves a background of several kinds of mechanisms. No kind has more than 40 % of the squares
 before the refit of theta. The refit absorbs some kinds more than others, so one kind may dominate the residual. The
