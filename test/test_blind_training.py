@@ -4,14 +4,21 @@ import dataclasses
 import itertools
 from collections import Counter
 from functools import cache
+from types import SimpleNamespace
 
+import hiding
 import numpy as np
 import pytest
+from blind_answers import SUBJECT
 from world import ride
 from world.effects import mixture
 from world.effects.draw import forms
 
+from biodyn_core.tracing import trace
+from biodyn_core.tracing.settings import TraceSettings
+from blind.tracing.records import Record
 from blind.tracing.rows import KINDS
+from blind.training import traced
 from blind.training.draw import OUTSIDE, TrainingBody, TrainingSettings, drawn, sittings
 
 COUNT = 1500
@@ -124,3 +131,15 @@ def test_a_body_without_a_sensor_has_no_stream_of_it(no_rest: None) -> None:
     (one,) = sittings([4], SEED, settings)
     missing = drawn(4, SEED, settings).missing
     assert missing and set(one.streams(0)) == set(ride.WORN) - {missing}
+
+
+def test_a_body_is_searched_like_a_record_of_a_trace(monkeypatch: pytest.MonkeyPatch) -> None:
+    """... with its own theta, and without stored results."""
+    monkeypatch.setattr(trace, "fit_joint", lambda train, subject, *rest: SimpleNamespace(subject=SUBJECT))
+    monkeypatch.setattr(traced, "search", lambda before, *rest: before)
+    train, held_out = hiding.events(2), hiding.events(2)
+    record = Record(dataclasses.replace(SUBJECT, name="middle"), train, held_out)
+    monkeypatch.setattr(traced.data_checks, "usable", lambda *cases: (train, held_out, ()))
+    assert traced.searched(record, TraceSettings()) is SUBJECT
+    monkeypatch.setattr(traced.data_checks, "usable", lambda *cases: (train, (), ()))
+    assert traced.searched(record, TraceSettings()) is None

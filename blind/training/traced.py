@@ -66,5 +66,5 @@ def searched(one: Record, settings: TraceSettings) -> Search | None:
     train, choose, _ = data_checks.usable(one.train, one.held_out, settings.floor)
     if not train or not choose:
         return None
-    before = refitted(train, one.subject, settings, SEED, None, serial_map)
+    before = refitted(train, one.subject, settings, SEED, {}, serial_map)
     return search(before, train, choose, settings, SEED, lambda stage, share: None)
