@@ -25,9 +25,11 @@ from biodyn_core.body.subject import Subject, load_subject
 from biodyn_core.body.usual_residual import PROVENANCE, UsualResidual, usual_residuals
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.identification.problem import Case
+from biodyn_core.tracing import trace as trace_module
 from biodyn_core.tracing.findings import (
     Trace,
 )
+from biodyn_core.tracing.probability import VERSION, learned_from, learned_text, packaged
 from biodyn_ros.base.files import check_directory
 from biodyn_ros.commands.cli import main
 from biodyn_ros.reading.events import BagEvent
@@ -351,6 +353,18 @@ def test_bad_input_is_one_line(
     error = capsys.readouterr().err
     assert message in error and error.count("\n") == 1
     assert not (tmp_path / "out").exists() and not calls
+
+
+def test_a_learned_model_of_another_version_is_refused_and_nothing_is_written(
+    bags: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = learned_text(packaged()).replace(f'"version": {VERSION}', '"version": 99')
+    monkeypatch.setattr(trace_module, "packaged", lambda: learned_from(text, "learned.json"))
+    given = [str(bags[name]) for name in ("rail_1", "rail_2", "road")]
+    assert main(["trace", *given, "--subject", "subject_1", "-o", str(tmp_path / "out")]) == 2
+    *_, error = capsys.readouterr().err.splitlines()
+    assert error.endswith(f"learned.json: version 99 of the learned model, allowed is {VERSION}; run make train")
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_output_that_is_a_file_is_refused_before_the_work(

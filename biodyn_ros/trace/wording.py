@@ -312,9 +312,12 @@ def _named_bodies(trace: Trace) -> Iterator[str]:
         yield f"In simulation an effect was named in {', in '.join(counts)}."
 
 
+REASONED: Final = "by reasoning from the laws of these effects, not tried in simulation"
+
+
 def record_next(trace: Trace) -> list[str]:
     """The recordings that separate causes, and what more of the same shows in simulation; empty without a verdict."""
-    separating = [trace.experiment] if trace.experiment and not trace.needs else []
+    separating = [f"{trace.experiment} ({REASONED})"] if trace.experiment and not trace.needs else []
     return [*separating, *_further(trace)]
 
 
