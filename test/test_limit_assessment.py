@@ -10,7 +10,8 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from biodyn_core.exposure.limit_assessment import DataQuality, SeatExposure, seat_exposure
+from biodyn_core.exposure.data_quality import DataQuality
+from biodyn_core.exposure.limit_assessment import SeatExposure, seat_exposure
 from biodyn_core.exposure.limits import EU_LIMITS, Limits, LimitSet
 from biodyn_core.exposure.losses import NO_LOSSES, Losses
 from biodyn_core.exposure.meters import Dose, DoseMeter, HorizontalMeter

@@ -27,10 +27,11 @@ from biodyn_core.base.segments import MEASURED_SEGMENT_INDEX, MEASURED_SEGMENTS,
 from biodyn_core.exposure.figure_spread import FigureSpread
 from biodyn_core.exposure.injury import Dri, Hic, Window
 from biodyn_core.exposure.joint_forces import JointForce
-from biodyn_core.exposure.limit_assessment import LimitAssessment, SeatExposure, ShockRatio
+from biodyn_core.exposure.limit_assessment import LimitAssessment, SeatExposure
 from biodyn_core.exposure.limits import EU_LIMITS, Limits
 from biodyn_core.exposure.losses import NO_LOSSES, Losses
 from biodyn_core.exposure.meters import Dose
+from biodyn_core.exposure.shock_ratios import ShockRatio
 from biodyn_core.pipeline.frames import NO_MEASURED, NO_PREDICTED, Frames, MeasuredFrames, PredictedFrames
 from biodyn_core.pipeline.intervals import ForceSpread, SegmentSpread
 from biodyn_core.pipeline.pipeline import Pipeline

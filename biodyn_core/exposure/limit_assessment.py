@@ -6,51 +6,23 @@ The measured seat alone is assessed, never a prediction. Directive 2002/44/EC; I
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
-import numpy as np
-
-from biodyn_core.base.wording import counted, number, number_below
-from biodyn_core.conditioning.tilt import is_gravity
+from biodyn_core.base.wording import number, number_below
+from biodyn_core.exposure.data_quality import MAX_MISSING_SHARE, DataQuality
 from biodyn_core.exposure.limits import KINDS, Kind, Limits, LimitSet, Measure
 from biodyn_core.exposure.losses import Losses
 from biodyn_core.exposure.meters import Dose, HorizontalMeter
+from biodyn_core.exposure.seat_axes import Horizontal, SeatAxes, axes_without_data
+from biodyn_core.exposure.shock_ratios import ShockRatio, shock_ratios
 
 Zone = Literal["below_action_value", "above_action_value", "above_limit_value", "undecided"]
-Horizontal = Literal["yaw_given", "worst_direction", "missing"]
-
-HORIZONTAL_FACTOR: Final = 1.4
-"""k of the horizontal axes for health, seated (ISO 2631-1:1997, 7.2.3; 2002/44/EC)."""
 
 EIGHT_HOURS_S: Final = 8.0 * 3600.0
 PROJECTION_AFTER_S: Final = 20.0 * 60.0
 """A shorter record has a projection to eight hours only on request."""
-
-MAX_MISSING_SHARE: Final = 0.01
-"""With a larger share missing there are no times and no projections, and no zone below the action value."""
-
-MAX_UNUSABLE_S: Final = 0.5
-"""While all samples of the seat have been rejected for longer, there are no times, and no zone below a value."""
-
-MIN_AXIS_SHARE: Final = 1e-6
-"""An axis below this share of the strongest one carries no data: any real sensor has more noise."""
-
-
-@dataclass(frozen=True)
-class DataQuality:
-    """Quality of the seat's data since reset: its losses and its state.
-
-    silent: the seat sends no samples now, other sensors do. unusable_s: for so long all its samples were rejected.
-    """
-
-    losses: Losses
-    silent: bool
-    gravity_mps2: float | None
-    fault: str | None
-    unusable_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -70,21 +42,6 @@ class LimitAssessment:
     axis: str
     time_to_action_value_s: float | None
     time_to_limit_value_s: float | None
-
-
-@dataclass(frozen=True)
-class ShockRatio:
-    """A ratio with its threshold for additional evaluation (ISO 2631-1:1997); value None if it was not measured."""
-
-    name: str
-    value: float | None
-    threshold: float
-    clause: str
-
-    @property
-    def exceeded(self) -> bool | None:
-        """Whether the value is above the threshold; None where it is unknown."""
-        return None if self.value is None else self.value > self.threshold
 
 
 @dataclass(frozen=True)
@@ -138,10 +95,10 @@ def seat_exposure(
     contain both.
     """
     complete, has_suspect, seconds = with_suspect or vertical, with_suspect is not None, vertical.seconds
-    missing_axes = _missing_axes(complete, horizontal, has_suspect)
-    axes = _Axes.of(vertical, horizontal, yaw_rad, missing_axes)
-    all_axes = _Axes.of(complete, horizontal, yaw_rad, missing_axes, has_suspect)
-    hidden_axes = _Axes.of(with_hidden or complete, horizontal, yaw_rad, missing_axes, has_suspect)
+    missing_axes = axes_without_data(complete, horizontal, has_suspect)
+    axes = SeatAxes.of(vertical, horizontal, yaw_rad, missing_axes)
+    all_axes = SeatAxes.of(complete, horizontal, yaw_rad, missing_axes, has_suspect)
+    hidden_axes = SeatAxes.of(with_hidden or complete, horizontal, yaw_rad, missing_axes, has_suspect)
     sure, whole = (_counted(each, seconds, quality) for each in (axes, hidden_axes))
     whole = dataclasses.replace(whole, has_hidden=with_hidden not in (None, complete))
     deciding = _assess(limits.deciding, sure, whole)
@@ -164,45 +121,11 @@ def seat_exposure(
         a8_projected_8h_mps2=whole.so_far["a8"] * math.sqrt(scale) if projects else None,
         vdv_projected_8h_mps175=whole.so_far["vdv"] * scale**0.25 if projects else None,
         projected_from_s=seconds if projects else None,
-        projected_lower_bound=_lacks_axis(axes, quality),
-        shock_ratios=_shock_ratios((vertical, axes), (complete, all_axes), deciding.axis),
+        projected_lower_bound=quality.lacks_axis(axes),
+        shock_ratios=shock_ratios((vertical, axes), (complete, all_axes), deciding.axis),
         additional=tuple(_assess(each, sure, whole) for each in limits.additional),
         is_estimate=whole.has_hidden or quality.losses.suspect_s > 0.0,
     )
-
-
-@dataclass(frozen=True)
-class _Axes:
-    """The known axes, without k; missing_axes: number of horizontal axes without data."""
-
-    aw_mps2: dict[str, float]
-    vdv_mps175: dict[str, float]
-    horizontal: Horizontal
-    missing_axes: int
-
-    @classmethod
-    def of(
-        cls, vertical: Dose, plane: HorizontalMeter, yaw_rad: float | None, missing_axes: int, suspect: bool = False
-    ) -> _Axes:
-        along = functools.partial(plane.along, suspect=suspect)
-        up_aw, up_vdv = {"z": vertical.aw_mps2}, {"z": vertical.vdv_mps175}
-        if missing_axes == 2:
-            return cls(up_aw, up_vdv, "missing", missing_axes)
-        if yaw_rad is None:
-            aws, vdvs = along(np.linspace(0.0, np.pi, 361))
-            aw, vdv = {"worst_direction": float(aws.max())}, {"worst_direction": float(vdvs.max())}
-            return cls(aw | up_aw, vdv | up_vdv, "worst_direction", missing_axes)
-        aws, vdvs = along([yaw_rad, yaw_rad + np.pi / 2.0])
-        aw, vdv = dict(zip("xy", aws.tolist(), strict=True)), dict(zip("xy", vdvs.tolist(), strict=True))
-        return cls(aw | up_aw, vdv | up_vdv, "yaw_given", missing_axes)
-
-    @staticmethod
-    def factor(axis: str) -> float:
-        return 1.0 if axis == "z" else HORIZONTAL_FACTOR
-
-    def largest(self, figures: dict[str, float]) -> str:
-        """The axis with the largest figure, k applied; z among equals."""
-        return max(figures, key=lambda axis: (self.factor(axis) * figures[axis], axis))
 
 
 @dataclass(frozen=True)
@@ -245,18 +168,7 @@ class _Counted:
         return left if math.isfinite(left) else None
 
 
-def _missing_axes(vertical: Dose, plane: HorizontalMeter, suspect: bool) -> int:
-    """The number of horizontal axes without data."""
-    first, second = plane.along([0.0, np.pi / 2.0], suspect=suspect)[0].tolist()
-    least = MIN_AXIS_SHARE * max(first, second, vertical.aw_mps2)
-    return int(first <= least) + int(second <= least)
-
-
-def _lacks_axis(axes: _Axes, quality: DataQuality) -> bool:
-    return axes.missing_axes > 0 or quality.losses.dead_s > 0.0
-
-
-def _counted(axes: _Axes, seconds: float, quality: DataQuality) -> _Counted:
+def _counted(axes: SeatAxes, seconds: float, quality: DataQuality) -> _Counted:
     a8_axis, vdv_axis = axes.largest(axes.aw_mps2), axes.largest(axes.vdv_mps175)
     return _Counted(
         {
@@ -266,9 +178,9 @@ def _counted(axes: _Axes, seconds: float, quality: DataQuality) -> _Counted:
         {"a8": a8_axis, "vdv": vdv_axis},
         seconds,
         quality.losses,
-        lower_bound=quality.losses.lower_bound or _lacks_axis(axes, quality),
-        withheld=_unusable(quality) or _incomplete(quality, seconds) or _gravity_error(quality),
-        uncertainty=_uncertainty(quality, seconds, axes),
+        lower_bound=quality.losses.lower_bound or quality.lacks_axis(axes),
+        withheld=quality.withheld(seconds),
+        uncertainty=quality.uncertainty(seconds, axes),
     )
 
 
@@ -376,84 +288,3 @@ def _so_far(exposure: _Counted, measure: Measure, shown: str) -> str:
     axis = exposure.axis[measure]
     where = "worst horizontal direction" if axis == "worst_direction" else f"axis {axis}"
     return f"{_NAME[measure]} so far is {shown} {_UNIT[measure]} ({where})"
-
-
-def _incomplete(quality: DataQuality, seconds: float) -> str | None:
-    """Reason that the record is incomplete, None if it is complete enough."""
-    clipped, missing_s = quality.losses.clipped, quality.losses.missing_s
-    if clipped > 0:
-        return f"{counted(clipped, 'sample is', 'samples are')} clipped at the seat"
-    if seconds <= 0.0:
-        return "nothing was counted at the seat"
-    if missing_s > MAX_MISSING_SHARE * (seconds + quality.losses.absent_s):
-        return f"{missing_s:.3g} s are missing at the seat, more than {100.0 * MAX_MISSING_SHARE:g} %"
-    return None
-
-
-def _unusable(quality: DataQuality) -> str | None:
-    """Reason that the seat's samples are unusable now, None while they are not."""
-    if quality.unusable_s <= MAX_UNUSABLE_S:
-        return None
-    return f"the last {quality.unusable_s:.3g} s of the seat's samples are unusable"
-
-
-def _uncertainty(quality: DataQuality, seconds: float, axes: _Axes) -> str | None:
-    """Why a value that is not reached may be reached all the same, None without a reason."""
-    if quality.fault is not None:
-        return f"the seat gives no data ({quality.fault})"
-    if quality.silent:
-        return "the seat has fallen silent"
-    if unusable := _unusable(quality):
-        return unusable
-    if incomplete := _incomplete(quality, seconds):
-        return incomplete
-    if quality.losses.flat_s > 0.0:
-        flat_s = f"{quality.losses.flat_s:.3g} s"
-        return f"{flat_s} of the seat's readings do not change at all, or not vertically: is it stuck?"
-    if axes.missing_axes:
-        return (
-            "vertical only: the seat gives no horizontal data"
-            if axes.horizontal == "missing"
-            else "the seat gives no data on one of its horizontal axes"
-        )
-    if quality.losses.dead_s > 0.0:
-        return f"one axis of the seat does not change for {quality.losses.dead_s:.3g} s while another one moves"
-    return _gravity_error(quality)
-
-
-def _gravity_error(quality: DataQuality) -> str | None:
-    """Description of a wrong gravity of the seat, None if it is right."""
-    gravity = quality.gravity_mps2
-    if gravity is not None and is_gravity(gravity):
-        return None
-    reads = "nothing" if gravity is None else f"{gravity:.2f} m/s^2"
-    return f"the seat reads {reads} for gravity, so its gain, unit or mounting may be wrong"
-
-
-def _shock_ratios(sure: tuple[Dose, _Axes], whole: tuple[Dose, _Axes], axis: str) -> tuple[ShockRatio, ...]:
-    """The ratios of ISO 2631-1:1997 above which rms is not enough, without and with suspect samples.
-
-    Unknown where one of the two exceeds the threshold and the other does not; otherwise the one nearer to it.
-    """
-    found = []
-    for one, other in zip(_ratios(*sure, axis), _ratios(*whole, axis), strict=True):
-        if one.exceeded is None or one.exceeded != other.exceeded:
-            found.append(dataclasses.replace(one, value=None))
-        else:
-            found.append(min(one, other, key=lambda ratio: abs((ratio.value or 0.0) - ratio.threshold)))
-    return tuple(found)
-
-
-def _ratios(vertical: Dose, axes: _Axes, axis: str) -> tuple[ShockRatio, ...]:
-    """Peak and MTVV exist for the vertical alone; the larger MTVV is used, because 6.3.3 does not specify the average.
-
-    None without exposure along the axis.
-    """
-    aw, vdv = axes.aw_mps2.get(axis, 0.0), axes.vdv_mps175.get(axis, 0.0)
-    steady = aw * vertical.seconds**0.25
-    up = steady > 0.0 and axis == "z"
-    return (
-        ShockRatio("crest_factor", vertical.crest_factor if up else None, 9.0, "6.2.2"),
-        ShockRatio("mtvv_over_aw", vertical.mtvv_mps2 / aw if up else None, 1.5, "6.3.3"),
-        ShockRatio("vdv_over_aw_t", vdv / steady if steady > 0.0 else None, 1.75, "6.3.3"),
-    )

@@ -25,7 +25,8 @@ from biodyn_core.conditioning.gravity import Gravity
 from biodyn_core.conditioning.tilt import Vector, first_axis_rad
 from biodyn_core.conditioning.timelines import Timelines
 from biodyn_core.effects import beyond_vertical
-from biodyn_core.exposure.limit_assessment import DataQuality, SeatExposure, seat_exposure
+from biodyn_core.exposure.data_quality import DataQuality
+from biodyn_core.exposure.limit_assessment import SeatExposure, seat_exposure
 from biodyn_core.exposure.limits import EU_LIMITS, Limits
 from biodyn_core.exposure.losses import Losses
 from biodyn_core.pipeline.comparison import EarlyBlocks

@@ -6,8 +6,9 @@ from typing import Any
 
 from biodyn_core.base.segments import SEAT, SEGMENTS, SENSORS
 from biodyn_core.exposure.joint_forces import JOINT_NAMES
-from biodyn_core.exposure.limit_assessment import HORIZONTAL_FACTOR, SeatExposure
+from biodyn_core.exposure.limit_assessment import SeatExposure
 from biodyn_core.exposure.losses import Losses
+from biodyn_core.exposure.seat_axes import HORIZONTAL_FACTOR
 from biodyn_ros import __version__
 from biodyn_ros.base.wording import FORCES_NOT_MEASURED, LIFTS_OFF, words
 from biodyn_ros.reading.provenance import MADE_BY_MODEL

@@ -8,9 +8,10 @@ from typing import Any
 
 from biodyn_core.exposure.injury import Dri, Hic
 from biodyn_core.exposure.joint_forces import JOINT_NAMES
-from biodyn_core.exposure.limit_assessment import SeatExposure, ShockRatio
+from biodyn_core.exposure.limit_assessment import SeatExposure
 from biodyn_core.exposure.limits import Limits
 from biodyn_core.exposure.meters import Dose
+from biodyn_core.exposure.shock_ratios import ShockRatio
 from biodyn_ros import __version__
 from biodyn_ros.reading.provenance import MADE_BY_MODEL
 from biodyn_ros.reports.exposure_report import ChannelExposure, ExposureReport, JointExposure
