@@ -87,7 +87,12 @@ setup(
     python_requires=">=3.10,<3.14",
     packages=find_packages(include=["biodyn_core", "biodyn_core.*", "biodyn_ros", "biodyn_ros.*"]),
     package_data={
-        "biodyn_core": ["tracing/learned.json", "population/population.json", "population/references.yaml"],
+        "biodyn_core": [
+            "tracing/learned.json",
+            "tracing/louder.json",
+            "population/population.json",
+            "population/references.yaml",
+        ],
         "biodyn_ros": ["page/*", "templates/*"],
     },
     data_files=data_files(),

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import datetime as dt
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -20,20 +21,26 @@ from world.effects import sitting
 from world.effects.draw import SCORING
 from world.effects.sitting import TOGETHER, Sitting
 
+from biodyn_core.tracing import louder as published
 from biodyn_core.tracing.evidence import Evidence
+from biodyn_core.tracing.findings import LouderRecordings
+from biodyn_core.tracing.louder import louder_text
 from biodyn_core.tracing.probability import LearnedModel, packaged, probabilities
 from biodyn_ros.work.executors import as_done, executor_of, result_of
 from blind.requirements import has_recordings
+from blind.tracing.__main__ import commit
 from blind.tracing.ceiling import decision_with_true_laws
 from blind.tracing.ledger import answer_lines
 from blind.tracing.outcome import Answer, Cause, Outcome, Score
 from blind.tracing.records import causes, sittings
 from blind.tracing.rows import CONDITIONS, DRAWINGS, SURE, Drawing
 from blind.tracing.shares import share_text
-from blind.tracing.study import PLAN, SCORES
+from blind.tracing.study import PLAN, SCORES, BrokenSeal
+from blind.training.draw import is_used
 from blind.training.traced import traced
 
 PROCESSES: Final = 2
+PUBLISHED: Final = Path(published.__file__).with_name(published.FILE)
 WITH_CEILINGS: Final = tuple(one.name for one in CONDITIONS if any(rule.what == "class" for rule in one.rules))
 
 
@@ -69,10 +76,13 @@ def outcomes(folder: Path) -> list[Outcome]:
 
 
 def louder(one: Sitting, road: float, shocks: float) -> Sitting:
-    """A sitting with so many times the motion of the seat on roads and in shocks, not yet simulated."""
+    """A sitting with so many times the motion of the seat on roads and in shocks, not yet simulated.
+
+    It has the events that the verdict of the study comes from, without those that only report.
+    """
     events = tuple(
         dataclasses.replace(each, event=each.event.at_level(road if each.event.case == "road" else shocks))
-        for each in one.events
+        for each in filter(is_used, one.events)
     )
     return dataclasses.replace(one, events=events)
 
@@ -104,6 +114,20 @@ def _named(evidence: Evidence | None, model: LearnedModel, cause: Cause) -> tupl
     return best == cause.mechanism and p >= SURE, cause.mechanism in found.likely
 
 
+def by_mechanism(found: Sequence[Louder], level: float) -> list[LouderRecordings]:
+    """The counts of each mechanism."""
+    mine = {name: [one for one in found if one.mechanism == name] for name in sorted({one.mechanism for one in found})}
+    return [
+        LouderRecordings(
+            name, level, len(some),
+            named=sum(one.before[0] for one in some), named_louder=sum(one.named for one in some),
+            with_true_law=sum(one.before[2] for one in some),
+            with_true_law_louder=sum(one.named_by_ceiling for one in some),
+        )
+        for name, some in mine.items()
+    ]  # fmt: skip
+
+
 def table(found: Sequence[Louder]) -> str:
     """The shares of both recordings, of all records and by mechanism."""
     lines = ["| | as it was | louder |", "| --- | --- | --- |"]
@@ -119,12 +143,16 @@ def table(found: Sequence[Louder]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print a line for each record as it is ready, then the table."""
-    options = _parser().parse_args(arguments)
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if options.publish and options.road != options.shocks:
+        parser.error("--publish needs one level for roads and shocks")
     if not has_recordings():
         return 2
     seed = json.loads((options.folder / PLAN).read_text(encoding="utf-8"))["seed"]
     (condition,) = (one for one in CONDITIONS if one.name == options.condition)
-    done = list(_stored(options.out))
+    about = json.dumps({"run": seed, "condition": condition.name, "road": options.road, "shocks": options.shocks})
+    done = list(_stored(options.out, about))
     known = {(one.row, one.number) for one in done}
     chosen = [
         one for one in condition.chosen(outcomes(options.folder)) if (one.answer.row, one.answer.number) not in known
@@ -140,10 +168,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             done += found
             lines = "".join(json.dumps(asdict(one)) + "\n" for one in found)
             print(lines, end="", flush=True)
-            if options.out:
-                with options.out.open("a", encoding="utf-8") as file:
-                    file.write(lines)
+            _store(options.out, about, lines)
     print(table(done))
+    if options.publish:
+        today = dt.datetime.now(dt.timezone.utc).date().isoformat()
+        origin = {"run": seed, "condition": condition.name, "date": today, "commit": commit()}
+        PUBLISHED.write_text(louder_text(by_mechanism(done, options.road), options.road, origin), encoding="utf-8")
     return 0
 
 
@@ -159,12 +189,23 @@ def _groups(found: Sequence[Outcome]) -> Iterator[list[Outcome]]:
         yield group
 
 
-def _stored(path: Path | None) -> Iterator[Louder]:
-    """Results of an interrupted command."""
-    if path is not None and path.exists():
-        for line in path.read_text(encoding="utf-8").splitlines():
-            data: Mapping[str, Any] = json.loads(line)
-            yield Louder(**{**data, "before": tuple(data["before"])})
+def _stored(path: Path | None, about: str) -> Iterator[Louder]:
+    """Results of an interrupted command; raises BrokenSeal for those of another one."""
+    if path is None or not path.exists():
+        return
+    first, *lines = path.read_text(encoding="utf-8").splitlines()
+    if first != about:
+        raise BrokenSeal(f"{path} has the results of {first}, not of {about}; take another file")
+    for line in lines:
+        data: Mapping[str, Any] = json.loads(line)
+        yield Louder(**{**data, "before": tuple(data["before"])})
+
+
+def _store(path: Path | None, about: str, lines: str) -> None:
+    if path is not None:
+        begin = "" if path.exists() else f"{about}\n"
+        with path.open("a", encoding="utf-8") as file:
+            file.write(begin + lines)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -177,4 +218,5 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--road", type=float, default=1.5, help="multiple of the motion on roads (default: 1.5)")
     parser.add_argument("--shocks", type=float, default=1.5, help="multiple of the motion of shocks (default: 1.5)")
     parser.add_argument("--out", type=Path, help="file of results, continued if it exists")
+    parser.add_argument("--publish", action="store_true", help="write the counts by mechanism into the package")
     return parser

@@ -267,21 +267,34 @@ def test_later_samples_stay_readable_after_older_ones_are_dropped():
 
 def test_instants_within_a_line_have_the_length_of_its_loss():
     time, lost = np.arange(400) / RATE_HZ, np.zeros(400, dtype=np.int64)
-    lost[100:110], lost[300] = 10, 1
-    made = Aligner(keep_s=100.0)
-    assert made.lost_s(time, EPOCH_NS) is None
-    for part in np.split(np.arange(400), [50, 104, 200]):  # a loss may be cut
+    lost[100:110], lost[200:203], lost[300:304] = 10, 3, 4
+    made = Aligner(keep_s=100.0, shortest_loss_s=0.003)
+    assert made.lost_s(time, EPOCH_NS, 1.0 / RATE_HZ) is None
+    for part in np.split(np.arange(400), [50, 104, 250]):  # a loss may be cut
         made.add([block(time[part], np.zeros(part.size), part[0] == 0)._replace(lost=lost[part])])
     grid = time[:-1] + 0.5 / RATE_HZ
     shift_ns = 3_000_000_000  # the seat's epoch
-    length_s = made.lost_s(grid - 3.0, EPOCH_NS + shift_ns)
+    length_s = made.lost_s(grid - 3.0, EPOCH_NS + shift_ns, 1.0 / RATE_HZ)
     expected = np.zeros(399)
-    expected[99:110], expected[299:301] = 10 / RATE_HZ, 1 / RATE_HZ
+    expected[99:110], expected[299:304] = 10 / RATE_HZ, 4 / RATE_HZ
     np.testing.assert_allclose(length_s, expected)
+    for phase in np.linspace(0.0, 1.0, 11):  # of a seat with slower samples than the line is long
+        slow = np.arange(phase * 0.02, 0.35, 0.02)
+        assert (made.lost_s(slow, EPOCH_NS, 0.02) > 0.0).sum() == 2
     made.drop(time[200], EPOCH_NS)
-    assert (made.lost_s(grid, EPOCH_NS) > 0.0).sum() == 2
+    assert (made.lost_s(grid, EPOCH_NS, 1.0 / RATE_HZ) > 0.0).sum() == 5
     made.drop(time[350], EPOCH_NS)
-    assert made.lost_s(grid, EPOCH_NS) is None
+    assert made.lost_s(grid, EPOCH_NS, 1.0 / RATE_HZ) is None
+
+
+def test_a_line_ends_where_stamps_that_had_leapt_ahead_return():
+    time, lost = np.arange(140) / 1000.0, np.zeros(140, dtype=np.int64)
+    lost[100:140] = 40
+    made = Aligner(keep_s=100.0, shortest_loss_s=0.003)
+    made.add([block(time, np.zeros(140), True, rate_hz=1000.0)._replace(lost=lost)])
+    made.add([block(np.arange(105, 200) / 1000.0, np.zeros(95), True, rate_hz=1000.0)])
+    grid = np.arange(95, 150) / 1000.0 + 5e-4
+    np.testing.assert_array_equal(made.lost_s(grid, EPOCH_NS, 1e-3) > 0.0, (grid > 0.099) & (grid < 0.105))
 
 
 def test_memory_covers_only_the_requested_time():

@@ -13,12 +13,17 @@ from blind_answers import FEW, a_score, an_answer
 from outcomes import SKIN
 from world.effects.sitting import Plan, draft_of
 
+from biodyn_core.tracing.findings import LouderRecordings
 from blind import levels
 from blind.levels import Louder, louder, table
 from blind.tracing import study
 from blind.tracing.outcome import Outcome, line_of
+from blind.tracing.study import BrokenSeal
 
 ONE = Louder("strong", 3, "skin", 1.2, True, True, True, True, (False, True, False, True))
+
+
+OTHER = dataclasses.replace(ONE, number=4)
 
 
 def test_roads_and_shocks_have_their_own_level() -> None:
@@ -43,11 +48,22 @@ def test_the_table_counts_both_recordings() -> None:
     assert lines[-2:] == ["| gain: named by the ceiling | 0 of 1 | 0 |", "| skin: named by the ceiling | 0 of 1 | 1 |"]
 
 
+def test_the_published_counts_are_those_of_each_mechanism() -> None:
+    other = dataclasses.replace(ONE, number=4, named=False, before=(True, True, True, True))
+    gain = dataclasses.replace(ONE, mechanism="gain", named_by_ceiling=False)
+    assert levels.by_mechanism([ONE, other, gain], 1.5) == [
+        LouderRecordings("gain", 1.5, 1, 0, 1, 0, 0), LouderRecordings("skin", 1.5, 2, 1, 1, 1, 2),
+    ]  # fmt: skip
+
+
 def test_results_are_stored_and_a_run_is_read(tmp_path: Path) -> None:
     path = tmp_path / "louder.jsonl"
-    assert not list(levels._stored(path)) and not list(levels._stored(None))
-    path.write_text(json.dumps(asdict(ONE)) + "\n", encoding="utf-8")
-    assert list(levels._stored(path)) == [ONE]
+    assert not list(levels._stored(path, "this")) and not list(levels._stored(None, "this"))
+    for one in (ONE, OTHER):
+        levels._store(path, "this", json.dumps(asdict(one)) + "\n")
+    assert list(levels._stored(path, "this")) == [ONE, OTHER]
+    with pytest.raises(BrokenSeal, match="the results of this, not of that"):
+        list(levels._stored(path, "that"))
     answer = an_answer(FEW[1], 2)
     score = dataclasses.replace(a_score(FEW[1], answer), causes=(SKIN,))
     (tmp_path / study.ANSWERS).write_text(line_of(answer) + "\n", encoding="utf-8")

@@ -1,13 +1,15 @@
 """Experiments that separate effects, and lists of missing recordings."""
 
 import dataclasses
+import json
 
 import pytest
 
 from biodyn_core.effects import CATALOGUE, Effect
+from biodyn_core.tracing import louder
 from biodyn_core.tracing.data_checks import FloorSettings
 from biodyn_core.tracing.experiments import BARE, LEVELS, REPEAT, SHOCKS, SWAP, TAP, TURNS, separating, to_record
-from biodyn_core.tracing.findings import Need
+from biodyn_core.tracing.findings import LouderRecordings, Need
 
 
 @pytest.mark.parametrize(
@@ -65,3 +67,28 @@ def test_missing_recordings_are_one_list(need: tuple, expected: str) -> None:
     assert to_record([Need(*need)], FloorSettings()) == expected
     twice = to_record([Need("to fit", 5.0, 0, 0), Need(*need)], FloorSettings())
     assert twice == f"5 s more road, to fit; {expected}"
+
+
+# --- louder motion ---------------------------------------------------------------------------------------------------
+
+LOUDER = [
+    LouderRecordings("bending", 1.5, 4, 0, 0, 3, 3),
+    LouderRecordings("dry_friction", 1.5, 6, 0, 1, 2, 2),
+    LouderRecordings("nonlinear_stiffness", 1.5, 8, 2, 2, 3, 6),
+]
+
+
+def test_louder_motion_is_stored_and_asked_for_where_it_lifts_a_possible_mechanism(monkeypatch) -> None:
+    text = louder.louder_text(LOUDER, 1.5, {"run": 7})
+    assert louder.louder_from(text) == tuple(LOUDER) and json.loads(text)["provenance"] == {"run": 7}
+    monkeypatch.setattr(louder, "_stored", lambda: louder.louder_from(text))
+    assert louder.louder_recordings(["none", "bending"]) == ()
+    assert louder.louder_recordings(["nonlinear_stiffness", "dry_friction"]) == tuple(LOUDER[1:])
+
+
+def test_the_packaged_counts_are_possible() -> None:
+    found = louder._stored()
+    assert len(found) > 5 and {one.mechanism for one in found} <= {effect.mechanism for effect in CATALOGUE.values()}
+    for one in found:
+        counts = (one.named, one.named_louder, one.with_true_law, one.with_true_law_louder)
+        assert one.level > 1.0 and min(counts) >= 0 and max(counts) <= one.effects

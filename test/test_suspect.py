@@ -626,6 +626,14 @@ def test_measured_and_predicted_doses_leave_out_the_same_samples():
     assert found["lower_bound"] and found["suspect_s"] == pytest.approx(LOST_S, abs=0.06)
 
 
+def test_a_segment_without_a_sensor_is_compared_with_the_seat_over_the_same_samples():
+    compared = ride(ride_with(5.0, 0.4, 3.0 * G), slice(rows_of(4.0), rows_of(4.1))).exposure().compared
+    assert compared["central_torso"].measured is None and compared["head"].measured is not None
+    for one in compared.values():
+        assert (one.predicted.seconds, one.predicted.left_out_s) == (one.seat.seconds, one.seat.left_out_s)
+        assert 5.0 < one.predicted.seconds < 6.5  # of 9 s, without rest, gap and the 2 s after it
+
+
 def test_rolling_figures_of_suspect_samples_alone_are_absent():
     times, samples = shock_samples(PEAK_LOST)
     pipeline = Pipeline(subject(), settings=PipelineSettings(window_s=0.5))

@@ -27,6 +27,7 @@ from traces import (
 from biodyn_core.effects import CATALOGUE, AppliedEffect
 from biodyn_core.tracing.findings import (
     FurtherRecordings,
+    LouderRecordings,
     RankedCandidate,
     Round,
     SensorFinding,
@@ -269,6 +270,27 @@ def test_without_a_single_cause_the_gain_of_further_recordings_is_stated() -> No
     assert document[0] == {"recordings": "the least data", "bodies": 24, "named": 9, "best": 14}
     assert [one["named"] for one in document] == [9, 10, 13]
     assert trace_document(Report(found()))["further_recordings"] == []
+
+
+def test_without_a_single_cause_the_gain_of_louder_motion_is_stated() -> None:
+    louder = (
+        LouderRecordings("nonlinear_stiffness", 1.5, 8, 1, 2, 2, 5),
+        LouderRecordings("dry_friction", 1.5, 6, 0, 0, 1, 3),
+    )
+    trace = found("ambiguous", louder=louder)
+    line = (
+        "the same drives with 1.5 times the motion: in simulation, of 8 effects with nonlinear stiffness 2 are named"
+        " instead of 1, and 5 instead of 2 by a decision that knows their true laws; of 6 effects with dry friction 0"
+        " are named instead of 0, and 3 instead of 1 by a decision that knows their true laws"
+    )
+    for text in (" ".join(text_of(Report(trace)).split()), page_of(trace, draws=False)[1].text):
+        assert line in text
+    first, _ = trace_document(Report(trace))["louder_recordings"]
+    assert first == {
+        "mechanism": "nonlinear_stiffness", "level": 1.5, "effects": 8, "named": 1, "named_louder": 2,
+        "with_true_law": 2, "with_true_law_louder": 5,
+    }  # fmt: skip
+    assert trace_document(Report(found()))["louder_recordings"] == []
 
 
 def test_without_a_verdict_one_list_has_the_missing_recordings() -> None:

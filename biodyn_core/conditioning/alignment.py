@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import Final
@@ -46,10 +47,13 @@ def lagrange_weights(points: int) -> Floats:
 
 
 class Aligner:
-    """Hold one sensor's samples of the last `keep_s`: `add` blocks, `read` at instants, `drop` unneeded samples."""
+    """Hold one sensor's samples of the last `keep_s`: `add` blocks, `read` at instants, `drop` unneeded samples.
 
-    def __init__(self, keep_s: float) -> None:
-        self._keep_s = keep_s
+    shortest_loss_s: shorter losses are not told by `lost_s`.
+    """
+
+    def __init__(self, keep_s: float, shortest_loss_s: float = math.inf) -> None:
+        self._keep_s, self._shortest_loss_s = keep_s, shortest_loss_s
         self._epoch_ns = 0
         self._time_s: Floats = np.empty(0)
         self._run: Integers = np.empty(0, dtype=np.int64)
@@ -69,9 +73,15 @@ class Aligner:
             self._time_s = np.concatenate([self._time_s, block.time_s])
             self._run = np.concatenate([self._run, np.full(block.time_s.shape, self._runs)])
             self._values = np.concatenate([self._values, block.low_passed_mps2])
-            self._lines += _lines(block)
+            self._add_lines(block)
         if self._time_s.size and self._time_s[0] < self._time_s[-1] - 2.0 * self._keep_s:
             self._drop_before(float(self._time_s[-1]) - self._keep_s)
+
+    def _add_lines(self, block: Block) -> None:
+        """Add the lines of a block; the first one is the rest of the last one if blocks have cut its loss."""
+        for begin_s, end_s, length_s in _lines(block, self._shortest_loss_s):
+            is_rest = bool(self._lines) and begin_s < self._lines[-1][1] - 0.5 / block.rate_hz
+            self._lines.append((self._lines.pop()[0] if is_rest else begin_s, end_s, length_s))
 
     def read(self, grid_s: Floats, epoch_ns: int) -> tuple[Floats, int]:
         """Interpolate at instants grid_s (n,) since epoch_ns: (values (n,), number of instants answered).
@@ -84,13 +94,16 @@ class Aligner:
         weights = lagrange_weights(2 * self._half)
         return out, int(kernels.interpolate(self._time_s, self._run, self._values, own_s, weights, out))
 
-    def lost_s(self, grid_s: Floats, epoch_ns: int) -> Floats | None:
-        """Length of the loss in whose line each instant (n,) lies, seconds, 0 outside of lines; None without lines."""
+    def lost_s(self, grid_s: Floats, epoch_ns: int, period_s: float) -> Floats | None:
+        """Length of the loss in whose line each instant (n,) lies, seconds, 0 outside of lines; None without lines.
+
+        period_s: that of the instants; a shorter line has one instant.
+        """
         if not self._lines:
             return None
         own_s, found = grid_s + (epoch_ns - self._epoch_ns) * 1e-9, np.zeros(grid_s.shape)
         for begin_s, end_s, length_s in self._lines:
-            found[(own_s > begin_s) & (own_s < end_s)] = length_s
+            found[(own_s > begin_s) & (own_s < max(end_s, begin_s + period_s))] = length_s
         return found
 
     @property
@@ -119,18 +132,19 @@ class Aligner:
     def _drop_from(self, time_s: float) -> None:
         """Drop the samples from a time on: their stamps had leapt ahead and have returned."""
         self._keep(slice(None, int(np.searchsorted(self._time_s, time_s))))
-        self._lines = [line for line in self._lines if line[0] < time_s]
+        self._lines = [(begin, min(end, time_s), length) for begin, end, length in self._lines if begin < time_s]
 
     def _keep(self, part: slice) -> None:
         self._time_s, self._run, self._values = self._time_s[part], self._run[part], self._values[part]
 
 
-def _lines(block: Block) -> Iterator[tuple[float, float, float]]:
-    """Begin and end of the lines across losses in a block, and the length of each loss, all in seconds."""
+def _lines(block: Block, shortest_s: float) -> Iterator[tuple[float, float, float]]:
+    """Begin and end of the lines across losses of at least shortest_s, and the length of each loss, all in seconds."""
     if block.lost is None:
         return
     period_s = 1.0 / block.rate_hz
-    edges = np.flatnonzero(np.diff(block.lost > 0, prepend=False, append=False)).reshape(-1, 2)
+    told = block.lost >= max(shortest_s * block.rate_hz, 1.0)
+    edges = np.flatnonzero(np.diff(told, prepend=False, append=False)).reshape(-1, 2)
     for begin, end in edges.tolist():
         length_s = float(block.lost[begin]) * period_s
         yield float(block.time_s[begin]) - period_s, float(block.time_s[end - 1]) + period_s, length_s

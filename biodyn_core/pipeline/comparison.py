@@ -56,10 +56,12 @@ class Compared(NamedTuple):
 
 
 _COMPARED: Final = 3 * len(MEASURED_SEGMENTS)
-"""Columns of measurement, prediction and seat with the same mask; all predictions and the seat follow."""
+"""Columns of measurement, prediction and seat with the same mask; all predictions, and the seat beside each, follow."""
 
-_GROUPS: Final = np.concatenate([np.tile(np.arange(len(MEASURED_SEGMENTS)), 3), _COMPARED + np.arange(N_SEGMENTS + 1)])
-"""The three columns of a segment are counted over the same samples, also where a weighting has restarted."""
+_GROUPS: Final = np.concatenate(
+    [np.tile(np.arange(len(MEASURED_SEGMENTS)), 3), _COMPARED + np.tile(np.arange(N_SEGMENTS), 2)]
+)
+"""The columns of a segment are counted over the same samples, also where a weighting has restarted."""
 
 
 def _compared_columns(seat_mps2: Floats, predicted_mps2: Floats, measured_mps2: Floats) -> Floats:
@@ -67,7 +69,7 @@ def _compared_columns(seat_mps2: Floats, predicted_mps2: Floats, measured_mps2: 
     predicted, seat = predicted_mps2[:, MEASURED_SEGMENT_INDEX], seat_mps2[:, None]
     missing = np.isnan(predicted) | np.isnan(measured_mps2)
     triples = [np.where(missing, np.nan, values) for values in (measured_mps2, predicted, seat)]
-    return np.hstack([*triples, predicted_mps2, seat])
+    return np.hstack([*triples, predicted_mps2, np.where(np.isnan(predicted_mps2), np.nan, seat)])
 
 
 def _lost_of_columns(lost: Integers) -> Integers:
@@ -79,8 +81,8 @@ def _lost_of_columns(lost: Integers) -> Integers:
 
 def _by_segment(doses: tuple[Dose, ...]) -> dict[str, Compared]:
     """The doses of `_compared_columns` by segment; without a measured sample all predictions count."""
-    triples, segments, seat = doses[:_COMPARED], doses[_COMPARED:-1], doses[-1]
-    found = {name: Compared(None, dose, seat) for name, dose in zip(SEGMENTS, segments, strict=True)}
+    triples, segments, seats = doses[:_COMPARED], doses[_COMPARED:-N_SEGMENTS], doses[-N_SEGMENTS:]
+    found = {name: Compared(None, dose, seat) for name, dose, seat in zip(SEGMENTS, segments, seats, strict=True)}
     for column, name in enumerate(MEASURED_SEGMENTS):
         measured, predicted, seat_there = triples[column :: len(MEASURED_SEGMENTS)]
         if measured.has_figures:
@@ -136,7 +138,7 @@ class Comparison:
 
     def __init__(self, seat_rate_hz: float, wait_s: float, window_s: float) -> None:
         self._seat_rate_hz, self._wait_s = seat_rate_hz, wait_s
-        self._aligners = {name: Aligner(keep_s=2.0 * wait_s) for name in MEASURED_SEGMENTS}
+        self._aligners = {name: Aligner(2.0 * wait_s, SHORTEST_LOSS_S) for name in MEASURED_SEGMENTS}
         self._pending: list[_Instants] = []
         self._given_up: list[MeasuredFrames] = []
         self._before_reset = 0
@@ -199,13 +201,15 @@ class Comparison:
 
     def _lost(self, time_s: Floats) -> Integers | None:
         """Length of the loss in whose line each instant lies, by sensor (n, 6), in seat samples; None without lines."""
-        lengths_s = [aligner.lost_s(time_s, self._epoch_ns) for aligner in self._aligners.values()]
+        period_s = 1.0 / self._seat_rate_hz
+        lengths_s = [aligner.lost_s(time_s, self._epoch_ns, period_s) for aligner in self._aligners.values()]
         if all(one is None for one in lengths_s):
             return None
         lost = np.zeros((time_s.size, N_SENSORS), dtype=np.int64)
         for column, length_s in enumerate(lengths_s, 1):
             if length_s is not None:
-                lost[:, column] = np.where(length_s < SHORTEST_LOSS_S, 0.0, np.rint(length_s * self._seat_rate_hz))
+                samples = np.maximum(np.rint(length_s * self._seat_rate_hz), 1.0)
+                lost[:, column] = np.where(length_s > 0.0, samples, 0.0)
         return lost
 
     def compared_doses(self, rolling: bool) -> dict[str, Compared]:

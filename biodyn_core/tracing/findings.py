@@ -255,6 +255,28 @@ class FurtherRecordings:
     best: int
 
 
+@dataclass(frozen=True)
+class LouderRecordings:
+    """How many simulated effects of a mechanism are named from the same drives with `level` times the motion.
+
+    named, named_louder: without and with louder motion. with_true_law, with_true_law_louder: the same by a decision
+    that knows the true laws.
+    """
+
+    mechanism: str
+    level: float
+    effects: int
+    named: int
+    named_louder: int
+    with_true_law: int
+    with_true_law_louder: int
+
+    @property
+    def lifts(self) -> bool:
+        """Whether louder motion lets more effects be named."""
+        return self.named_louder > self.named or self.with_true_law_louder > self.with_true_law
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Trace:
     """A whole trace.
@@ -266,7 +288,7 @@ class Trace:
     events or sensors that are not used, with the reason. experiment: the next recordings. calibrated: whether the
     screening was computed or read from an earlier trace. nuisance: largest multiple first. named_from: probability from
     which one cause is named. named_bodies: causes named in simulation by ratio, for the verdict `none`. further: the
-    same from the least data and from more, without a named cause.
+    same from the least data and from more, without a named cause; louder: from louder motion, of possible mechanisms.
     """
 
     verdict: Verdict
@@ -286,6 +308,7 @@ class Trace:
     ambiguous_with: tuple[AppliedEffect, ...] = ()
     named_bodies: tuple[NamedBodies, ...] = ()
     further: tuple[FurtherRecordings, ...] = ()
+    louder: tuple[LouderRecordings, ...] = ()
     family: str = ""
     rounds: tuple[Round, ...] = ()
     nuisance: tuple[NuisanceValue, ...] = ()

@@ -34,6 +34,7 @@ from biodyn_core.tracing.findings import (
 from biodyn_core.tracing.inverse_dynamics import Target
 from biodyn_core.tracing.joint_refit import covariances
 from biodyn_core.tracing.local_fit import LocalFit
+from biodyn_core.tracing.louder import louder_recordings
 from biodyn_core.tracing.nuisance_model import N_THETA
 from biodyn_core.tracing.probability import packaged
 from biodyn_core.tracing.restoring_force import FittedEffect, restoring_force
@@ -85,6 +86,7 @@ def build_result(
         ambiguous_with=rivals,
         named_bodies=_named_bodies(s) if verdict == "none" else (),
         further=_further(s) if verdict != "effect" else (),
+        louder=louder_recordings(first.round.likely) if verdict != "effect" else (),
         family=_family([*causes[:1], *rivals]),
         experiment=separating([one.effect for one in (*causes[:1], *rivals)]),
         events=_events(given, before, after, train, choose, report),

@@ -38,7 +38,7 @@ from biodyn_ros.trace.report import Report
 Document = dict[str, Any]
 
 PROOF: Final = (
-    "Tracing of effects in tissue is proved on simulated bodies only: there is no recording of a person whose missing"
+    "Tracing of effects in tissue is tested on simulated bodies only: there is no recording of a person whose missing"
     " effect is known."
 )
 
@@ -70,6 +70,7 @@ def trace_document(report: Report) -> Document:
             for need in trace.needs
         ],
         "further_recordings": [dataclasses.asdict(each) for each in trace.further],
+        "louder_recordings": [dataclasses.asdict(each) for each in trace.louder],
         "error": {when: errors_by_use(trace, when) for when in WHEN},
         "floor": known(trace.floor_percent),
         "p_value": known(trace.p_value),

@@ -318,7 +318,19 @@ REASONED: Final = "by reasoning from the laws of these effects, not tried in sim
 def record_next(trace: Trace) -> list[str]:
     """The recordings that separate causes, and what more of the same shows in simulation; empty without a verdict."""
     separating = [f"{trace.experiment} ({REASONED})"] if trace.experiment and not trace.needs else []
-    return [*separating, *_further(trace)]
+    return [*separating, *_louder(trace), *_further(trace)]
+
+
+def _louder(trace: Trace) -> Iterator[str]:
+    """What louder motion lifts, of the possible mechanisms, in one sentence."""
+    if trace.louder:
+        each = "; ".join(
+            f"of {one.effects} effects with {in_words(one.mechanism)} {one.named_louder} are named instead of"
+            f" {one.named}, and {one.with_true_law_louder} instead of {one.with_true_law} by a decision that knows"
+            " their true laws"
+            for one in trace.louder
+        )
+        yield f"the same drives with {trace.louder[0].level:g} times the motion: in simulation, {each}"
 
 
 def _further(trace: Trace) -> Iterator[str]:

@@ -135,7 +135,7 @@ def _simulated(bodies: Sequence[TrainingBody], seed: int) -> list[Sitting]:
     """
     rngs = [_generator(seed, body.number, "person") for body in bodies]
     whole = [sitting.draft_of(body.number, seed, body.plan, rng) for body, rng in zip(bodies, rngs, strict=True)]
-    drafts = [dataclasses.replace(one, events=tuple(filter(_is_used, one.events))) for one in whole]
+    drafts = [dataclasses.replace(one, events=tuple(filter(is_used, one.events))) for one in whole]
     found = [_with(body, draft, rng) for body, draft, rng in zip(bodies, sitting.travelled(drafts), rngs, strict=True)]
     busy = {i: body.ratio for i, body in enumerate(bodies) if body.ratio is not None}
     if busy:
@@ -145,7 +145,7 @@ def _simulated(bodies: Sequence[TrainingBody], seed: int) -> list[Sitting]:
     return sitting.steady(sitting.together(found))
 
 
-def _is_used(one: sitting.Planned) -> bool:
+def is_used(one: sitting.Planned) -> bool:
     """Whether it is for fitting or, as every second one that is held out, for choosing."""
     return one.use == "fit" or int(one.name.rsplit("_", 1)[1]) % 2 == 1
 
