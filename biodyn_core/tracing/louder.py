@@ -11,8 +11,7 @@ from typing import Any, Final
 from biodyn_core.tracing.findings import LouderRecordings
 
 FILE: Final = "louder.json"
-COUNTS: Final = ("effects", "named", "named_louder", "with_true_law", "with_true_law_louder")
-"""The numbers of each mechanism, in the order of the file."""
+_COUNTS: Final = ("effects", "named", "named_louder", "with_true_law", "with_true_law_louder")
 
 
 def louder_recordings(mechanisms: Collection[str]) -> tuple[LouderRecordings, ...]:
@@ -28,13 +27,10 @@ def _stored() -> tuple[LouderRecordings, ...]:
 def louder_from(text: str) -> tuple[LouderRecordings, ...]:
     """The recordings of a text of `louder_text`."""
     stored = json.loads(text)
-    return tuple(
-        LouderRecordings(name, stored["level"], **dict(zip(COUNTS, counts, strict=True)))
-        for name, counts in stored["mechanisms"].items()
-    )
+    return tuple(LouderRecordings(name, stored["level"], **counts) for name, counts in stored["mechanisms"].items())
 
 
 def louder_text(found: Collection[LouderRecordings], level: float, provenance: Mapping[str, Any]) -> str:
     """The text of recordings at one level, with their provenance."""
-    mechanisms = {one.mechanism: [getattr(one, name) for name in COUNTS] for one in found}
+    mechanisms = {one.mechanism: {name: getattr(one, name) for name in _COUNTS} for one in found}
     return json.dumps({"provenance": provenance, "level": level, "mechanisms": mechanisms}, indent=1) + "\n"
