@@ -262,7 +262,7 @@ def test_without_a_single_cause_the_gain_of_further_recordings_is_stated() -> No
     trace = found("ambiguous", further=further)
     line = (
         "in simulation of 24 bodies with one missing effect, 9 right causes are named from the least data, for fitting"
-        " and again held out. With further recordings for both: twice the road: 10; all of these: 13"
+        " and again held out. With further recordings for both: twice the road: 10, all of these: 13"
     )
     for text in (" ".join(text_of(Report(trace)).split()), page_of(trace, draws=False)[1].text):
         assert line in text and "drive one shock" in text
@@ -279,9 +279,9 @@ def test_without_a_single_cause_the_gain_of_louder_motion_is_stated() -> None:
     )
     trace = found("ambiguous", louder=louder)
     line = (
-        "the same drives with 1.5 times the motion: in simulation, of 8 effects with nonlinear stiffness 2 are named"
-        " instead of 1, and 5 instead of 2 by a decision that knows their true laws; of 6 effects with dry friction 0"
-        " are named instead of 0, and 3 instead of 1 by a decision that knows their true laws"
+        "the same drives with 1.5 times the motion: in simulation a decision that knows the true laws then names 5"
+        " instead of 2 of 8 effects with nonlinear stiffness, 3 instead of 1 of 6 effects with dry friction, and the"
+        " learned model 2 instead of 1 of these"
     )
     for text in (" ".join(text_of(Report(trace)).split()), page_of(trace, draws=False)[1].text):
         assert line in text

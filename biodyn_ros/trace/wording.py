@@ -324,13 +324,16 @@ def record_next(trace: Trace) -> list[str]:
 def _louder(trace: Trace) -> Iterator[str]:
     """What louder motion lifts, of the possible mechanisms, in one sentence."""
     if trace.louder:
-        each = "; ".join(
-            f"of {one.effects} effects with {in_words(one.mechanism)} {one.named_louder} are named instead of"
-            f" {one.named}, and {one.with_true_law_louder} instead of {one.with_true_law} by a decision that knows"
-            " their true laws"
+        each = ", ".join(
+            f"{one.with_true_law_louder} instead of {one.with_true_law} of {one.effects} effects with"
+            f" {in_words(one.mechanism)}"
             for one in trace.louder
         )
-        yield f"the same drives with {trace.louder[0].level:g} times the motion: in simulation, {each}"
+        now, then = (sum(getattr(one, name) for one in trace.louder) for name in ("named", "named_louder"))
+        yield (
+            f"the same drives with {trace.louder[0].level:g} times the motion: in simulation a decision that knows the"
+            f" true laws then names {each}, and the learned model {then} instead of {now} of these"
+        )
 
 
 def _further(trace: Trace) -> Iterator[str]:
@@ -338,9 +341,10 @@ def _further(trace: Trace) -> Iterator[str]:
     if not trace.further:
         return
     least, *more = trace.further
-    each = "; ".join(f"{one.recordings}: {one.named}" for one in more)
+    each = ", ".join(f"{one.recordings}: {one.named}" for one in more)
+    causes = counted(least.named, "right cause is", "right causes are")
     yield (
-        f"in simulation of {least.bodies} bodies with one missing effect, {least.named} right causes are named from"
+        f"in simulation of {least.bodies} bodies with one missing effect, {causes} named from"
         f" {least.recordings}, for fitting and again held out. With further recordings for both: {each}"
     )
 
