@@ -506,7 +506,7 @@ def test_no_restart_within_a_shock_raises_a_prediction_or_a_comparison(lost_s, o
     assert left_out and all(dose.aw_mps2 < of_all.aw_mps2 for dose, of_all in left_out)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(8))
 def test_no_line_over_a_loss_of_a_body_sensor_raises_its_low_passed_figures(seed):
     """Losses of 4 to 55 samples near the largest shock of `motion`."""
     rng = np.random.default_rng(100 + seed)
