@@ -147,12 +147,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.publish and options.road != options.shocks:
         parser.error("--publish needs one level for roads and shocks")
+    if not (options.folder / PLAN).is_file():
+        parser.error(f"{options.folder} is no folder of a run: it has no {PLAN}")
     if not has_recordings():
         return 2
     seed = json.loads((options.folder / PLAN).read_text(encoding="utf-8"))["seed"]
     (condition,) = (one for one in CONDITIONS if one.name == options.condition)
     about = json.dumps({"run": seed, "condition": condition.name, "road": options.road, "shocks": options.shocks})
-    done = list(_stored(options.out, about))
+    try:
+        done = list(_stored(options.out, about))
+    except BrokenSeal as error:
+        parser.error(str(error))
     known = {(one.row, one.number) for one in done}
     chosen = [
         one for one in condition.chosen(outcomes(options.folder)) if (one.answer.row, one.answer.number) not in known

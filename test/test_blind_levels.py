@@ -71,7 +71,15 @@ def test_results_are_stored_and_a_run_is_read(tmp_path: Path) -> None:
     assert levels.outcomes(tmp_path) == [Outcome(answer, score)]
 
 
-def test_a_condition_without_classes_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        levels.main(["folder", "--condition", "two effects"])
-    assert "invalid choice" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["folder", "--condition", "two effects"], "invalid choice"),
+        (["nowhere"], "nowhere is no folder of a run: it has no plan.json"),
+        (["nowhere", "--road", "2", "--publish"], "--publish needs one level"),
+    ],
+)
+def test_wrong_commands_are_refused(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        levels.main(arguments)
+    assert ended.value.code == 2 and message in capsys.readouterr().err
