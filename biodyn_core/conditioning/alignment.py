@@ -73,13 +73,14 @@ class Aligner:
             self._time_s = np.concatenate([self._time_s, block.time_s])
             self._run = np.concatenate([self._run, np.full(block.time_s.shape, self._runs)])
             self._values = np.concatenate([self._values, block.low_passed_mps2])
-            self._add_lines(block)
+            if block.lost is not None:
+                self._add_lines(block, block.lost)
         if self._time_s.size and self._time_s[0] < self._time_s[-1] - 2.0 * self._keep_s:
             self._drop_before(float(self._time_s[-1]) - self._keep_s)
 
-    def _add_lines(self, block: Block) -> None:
+    def _add_lines(self, block: Block, lost: Integers) -> None:
         """Add the lines of a block; the first one is the rest of the last one if blocks have cut its loss."""
-        for begin_s, end_s, length_s in _lines(block, self._shortest_loss_s):
+        for begin_s, end_s, length_s in _lines(block, lost, self._shortest_loss_s):
             is_rest = bool(self._lines) and begin_s < self._lines[-1][1] - 0.5 / block.rate_hz
             self._lines.append((self._lines.pop()[0] if is_rest else begin_s, end_s, length_s))
 
@@ -94,13 +95,16 @@ class Aligner:
         weights = lagrange_weights(2 * self._half)
         return out, int(kernels.interpolate(self._time_s, self._run, self._values, own_s, weights, out))
 
-    def lost_s(self, grid_s: Floats, epoch_ns: int, period_s: float) -> Floats | None:
-        """Length of the loss in whose line each instant (n,) lies, seconds, 0 outside of lines; None without lines.
+    @property
+    def has_lines(self) -> bool:
+        """Whether it holds lines across losses."""
+        return bool(self._lines)
+
+    def lost_s(self, grid_s: Floats, epoch_ns: int, period_s: float) -> Floats:
+        """Length of the loss in whose line each instant (n,) lies, seconds, 0 outside of lines.
 
         period_s: that of the instants; a shorter line has one instant.
         """
-        if not self._lines:
-            return None
         own_s, found = grid_s + (epoch_ns - self._epoch_ns) * 1e-9, np.zeros(grid_s.shape)
         for begin_s, end_s, length_s in self._lines:
             found[(own_s > begin_s) & (own_s < max(end_s, begin_s + period_s))] = length_s
@@ -138,13 +142,11 @@ class Aligner:
         self._time_s, self._run, self._values = self._time_s[part], self._run[part], self._values[part]
 
 
-def _lines(block: Block, shortest_s: float) -> Iterator[tuple[float, float, float]]:
+def _lines(block: Block, lost: Integers, shortest_s: float) -> Iterator[tuple[float, float, float]]:
     """Begin and end of the lines across losses of at least shortest_s, and the length of each loss, all in seconds."""
-    if block.lost is None:
-        return
     period_s = 1.0 / block.rate_hz
-    told = block.lost >= max(shortest_s * block.rate_hz, 1.0)
+    told = lost >= max(shortest_s * block.rate_hz, 1.0)
     edges = np.flatnonzero(np.diff(told, prepend=False, append=False)).reshape(-1, 2)
     for begin, end in edges.tolist():
-        length_s = float(block.lost[begin]) * period_s
+        length_s = float(lost[begin]) * period_s
         yield float(block.time_s[begin]) - period_s, float(block.time_s[end - 1]) + period_s, length_s

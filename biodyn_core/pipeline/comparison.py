@@ -201,15 +201,13 @@ class Comparison:
 
     def _lost(self, time_s: Floats) -> Integers | None:
         """Length of the loss in whose line each instant lies, by sensor (n, 6), in seat samples; None without lines."""
-        period_s = 1.0 / self._seat_rate_hz
-        lengths_s = [aligner.lost_s(time_s, self._epoch_ns, period_s) for aligner in self._aligners.values()]
-        if all(one is None for one in lengths_s):
+        if not any(aligner.has_lines for aligner in self._aligners.values()):
             return None
-        lost = np.zeros((time_s.size, N_SENSORS), dtype=np.int64)
-        for column, length_s in enumerate(lengths_s, 1):
-            if length_s is not None:
-                samples = np.maximum(np.rint(length_s * self._seat_rate_hz), 1.0)
-                lost[:, column] = np.where(length_s > 0.0, samples, 0.0)
+        lost, rate_hz = np.zeros((time_s.size, N_SENSORS), dtype=np.int64), self._seat_rate_hz
+        for column, aligner in enumerate(self._aligners.values(), 1):
+            if aligner.has_lines:
+                length_s = aligner.lost_s(time_s, self._epoch_ns, 1.0 / rate_hz)
+                lost[:, column] = np.where(length_s > 0.0, np.maximum(np.rint(length_s * rate_hz), 1.0), 0.0)
         return lost
 
     def compared_doses(self, rolling: bool) -> dict[str, Compared]:
