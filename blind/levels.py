@@ -4,6 +4,9 @@ Each record of a condition is recorded again: the same body, background, effect,
 the seat multiplied. Both are answered by the model of the package, and by the ceiling's as if the catalogue had the
 true law. All records of the condition take part, also those that are named without it, so no selection favours the
 second recording.
+
+Known limit: the answers to the record as it was are those of the run. There the refit without the effect starts from a
+fit, here from the true theta, and the noise of the sensors is drawn anew.
 """
 
 from __future__ import annotations
@@ -35,11 +38,10 @@ from blind.tracing.outcome import Answer, Cause, Outcome, Score
 from blind.tracing.records import causes, sittings
 from blind.tracing.rows import CONDITIONS, DRAWINGS, SURE, Drawing
 from blind.tracing.shares import share_text
-from blind.tracing.study import PLAN, SCORES, BrokenSeal
+from blind.tracing.study import PLAN, PROCESSES, SCORES, BrokenSeal
 from blind.training.draw import is_used
 from blind.training.traced import traced
 
-PROCESSES: Final = 2
 PUBLISHED: Final = Path(published.__file__).with_name(published.FILE)
 WITH_CEILINGS: Final = tuple(one.name for one in CONDITIONS if any(rule.what == "class" for rule in one.rules))
 
