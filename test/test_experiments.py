@@ -6,10 +6,11 @@ import json
 import pytest
 
 from biodyn_core.effects import CATALOGUE, Effect
-from biodyn_core.tracing import louder
+from biodyn_core.tracing import louder, results
 from biodyn_core.tracing.data_checks import FloorSettings
 from biodyn_core.tracing.experiments import BARE, LEVELS, REPEAT, SHOCKS, SWAP, TAP, TURNS, separating, to_record
 from biodyn_core.tracing.findings import LouderRecordings, Need
+from biodyn_core.tracing.settings import TraceSettings
 
 
 @pytest.mark.parametrize(
@@ -84,6 +85,12 @@ def test_louder_motion_is_stored_and_asked_for_where_it_lifts_a_possible_mechani
     monkeypatch.setattr(louder, "_stored", lambda: louder.louder_from(text))
     assert louder.louder_recordings(["none", "bending"]) == ()
     assert louder.louder_recordings(["nonlinear_stiffness", "dry_friction"]) == tuple(LOUDER[1:])
+
+
+def test_louder_motion_is_stated_for_the_probability_that_it_was_counted_for() -> None:
+    likely = tuple(one.mechanism for one in louder._stored())
+    assert results._louder(likely, TraceSettings()) == louder.louder_recordings(likely) != ()
+    assert results._louder(likely, TraceSettings(named_from=0.7)) == ()
 
 
 def test_the_packaged_counts_are_possible() -> None:

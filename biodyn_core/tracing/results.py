@@ -20,6 +20,7 @@ from biodyn_core.tracing.findings import (
     ComparedEvent,
     FurtherRecordings,
     Interval,
+    LouderRecordings,
     NamedBodies,
     Need,
     NuisanceValue,
@@ -86,7 +87,7 @@ def build_result(
         ambiguous_with=rivals,
         named_bodies=_named_bodies(s) if verdict == "none" else (),
         further=_further(s) if verdict != "effect" else (),
-        louder=louder_recordings(first.round.likely) if verdict != "effect" else (),
+        louder=_louder(first.round.likely, s) if verdict != "effect" else (),
         family=_family([*causes[:1], *rivals]),
         experiment=separating([one.effect for one in (*causes[:1], *rivals)]),
         events=_events(given, before, after, train, choose, report),
@@ -116,6 +117,11 @@ def _further(s: TraceSettings) -> tuple[FurtherRecordings, ...]:
     """The causes that further recordings name in simulation; empty for a probability that it was not counted for."""
     model = packaged()
     return model.further if model.named_from == s.named_from else ()
+
+
+def _louder(mechanisms: Sequence[str], s: TraceSettings) -> tuple[LouderRecordings, ...]:
+    """What louder motion lifts of these mechanisms; empty for a probability that it was not counted for."""
+    return louder_recordings(mechanisms) if packaged().named_from == s.named_from else ()
 
 
 def _is_among(one: AppliedEffect, others: Sequence[AppliedEffect]) -> bool:
